@@ -1,0 +1,23 @@
+"""MiniCloth: cloth scenes as Gymnasium environments with pluggable physics.
+
+Importing the package registers ``MiniCloth-<Scene>-v0`` for every scene.
+"""
+
+from gymnasium.envs.registration import register
+
+from cloth_envs.material import FABRICS, Material
+from cloth_envs.registry import BACKENDS, EPISODE_FRAMES, SCENES, env_id
+from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.state import Controls, State
+
+__version__ = "0.1.0"
+__all__ = ["BACKENDS", "FABRICS", "SCENES", "Collider", "Controls", "Material", "Scene", "State", "Wind", "env_id"]
+
+for _name in SCENES:
+    register(
+        id=env_id(_name),
+        entry_point="cloth_envs.env:ClothEnv",
+        vector_entry_point="cloth_envs.vector_env:ClothVectorEnv",
+        kwargs={"scene": _name},
+        max_episode_steps=EPISODE_FRAMES[_name],
+    )

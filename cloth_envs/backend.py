@@ -1,0 +1,52 @@
+"""The protocol that every physics obeys, and the factory that finds one by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from cloth_envs import registry
+from cloth_envs.material import Material
+from cloth_envs.scene import Scene
+from cloth_envs.state import Controls, State
+
+
+class Backend(Protocol):
+    """Physics for a batch of cloths of one scene.
+
+    A backend is built as ``BackendClass(scene, **backend_kwargs)``. It owns its state: callers read
+    ``state`` and copy what they keep.
+    """
+
+    scene: Scene
+
+    @property
+    def state(self) -> State:
+        """The present state; valid until the next call."""
+        ...
+
+    def reset(
+        self,
+        state: State,
+        materials: Sequence[Material] | None = None,
+        which: Sequence[int] | None = None,
+    ) -> None:
+        """Start from ``state`` (copied).
+
+        With ``which`` only those members of the batch are replaced, and ``state`` holds just them.
+        ``materials`` has one entry per member of ``state`` (default: the scene's).
+        """
+        ...
+
+    def advance(self, controls: Controls) -> State:
+        """One frame of ``scene.frame_dt`` for the whole batch."""
+        ...
+
+
+def make_backend(name: str, scene: Scene, backend_kwargs: dict[str, Any] | None = None) -> Backend:
+    """The backend ``name`` for ``scene``.
+
+    Raises:
+        ValueError: an unknown backend or keyword; the nearest match and the choices are named.
+    """
+    return registry.load_backend(name)(scene, **(backend_kwargs or {}))

@@ -1,0 +1,124 @@
+"""The single Gymnasium environment."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+
+from cloth_envs.naming import unknown_name
+from cloth_envs.state import State
+from cloth_envs.world import World
+
+
+class ClothEnv(gym.Env[Any, np.ndarray]):
+    """A cloth scene; made by ``gym.make("MiniCloth-<Scene>-v0", ...)``. Its task's text is ``env.unwrapped.task.__doc__``.
+
+    Arguments:
+        scene: the scene's name.
+        backend: which physics, by name: spaces, seeds and task are the same for all.
+        backend_kwargs: passed to the backend (for ``"reference"`` see ``ExplicitBackend``).
+        obs: ``"keypoints"``, a flat Box, or ``"mesh"``, a Dict of the geometry image ``mesh`` ``(6, H, W)``
+            (positions, velocities) and the numbers of the ``task``.
+        material: a fabric's name or a dict of ``Material`` properties.
+        randomize: ``{property: (low, high)}``, drawn uniformly at every reset.
+        resolution: ``(rows, cols)`` of the grid, at equal size and material.
+        render_mode: ``"rgb_array"`` (uint8 ``(480, 640, 3)``) or ``"depth_array"`` (float32 [m]).
+
+    Raises:
+        ValueError: a bad argument; says what to write instead.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "depth_array"], "render_fps": 25}
+
+    def __init__(self, scene: str, *, render_mode: str | None = None, **options: Any) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise unknown_name("render_mode", render_mode, self.metadata["render_modes"])
+        self._world = World(scene, **options)
+        self.render_mode = render_mode
+        self.metadata = {**type(self).metadata, "render_fps": round(1 / self.scene.frame_dt)}  # type: ignore[misc]
+        self.observation_space = self._world.observation_space
+        self.action_space = self._world.action_space
+        self._renderer: Any = None
+
+    @property
+    def scene(self) -> Any:
+        """The frozen ``Scene``; ``scene.describe()`` says what is modelled."""
+        return self._world.scene
+
+    @property
+    def task(self) -> Any:
+        return self._world.task
+
+    @property
+    def state(self) -> State:
+        """The present state, a batch of one; read only."""
+        return self._world.state
+
+    @property
+    def positions(self) -> np.ndarray:
+        """A float32 copy, ``(3, H, W)`` [m]."""
+        return self.state.positions[0].astype(np.float32)
+
+    @property
+    def velocities(self) -> np.ndarray:
+        """A float32 copy, ``(3, H, W)`` [m/s]."""
+        return self.state.velocities[0].astype(np.float32)
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the reset [s]."""
+        return float(self.state.time[0])
+
+    def set_positions(self, positions: np.ndarray, velocities: np.ndarray | None = None) -> None:
+        """Place the cloth: ``(3, H, W)`` [m] and [m/s] (default at rest). Goals, bodies and time stay.
+
+        Raises:
+            ValueError: wrong shape or values that are not finite; the state is unchanged.
+        """
+        self._world.set_positions(positions, velocities)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        super().reset(seed=seed)
+        self._world.reset({0: self.np_random})
+        return self._observation(), {}
+
+    def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        rewards, reasons = self._world.step(np.asarray(action)[None])
+        info = {} if reasons[0] is None else {"failure": reasons[0]}
+        return self._observation(), float(rewards[0]), reasons[0] is not None, False, info
+
+    def _observation(self) -> Any:
+        batch = self._world.observe()
+        return {name: part[0] for name, part in batch.items()} if isinstance(batch, dict) else batch[0]
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Everything that decides the future, as arrays: save with ``numpy.savez(file, **state)``."""
+        return self._world.get_state()
+
+    def set_state(self, state: dict[str, np.ndarray]) -> None:
+        """Continue from what ``get_state`` gave, here or in another process, bit for bit.
+
+        Raises:
+            ValueError: the state belongs to another scene or resolution.
+        """
+        self._world.set_state(state)
+        generator = self._world.rngs[0]
+        if generator is not None:
+            self.np_random = generator
+
+    def render(self) -> np.ndarray | None:
+        if self.render_mode is None:
+            gym.logger.warn("render() was called without a render_mode; pass render_mode='rgb_array' to gym.make")
+            return None
+        if self._renderer is None:
+            from cloth_envs.rendering import Renderer
+
+            self._renderer = Renderer(self.scene)
+        return self._renderer.draw(self.state) if self.render_mode == "rgb_array" else self._renderer.depth(self.state)
+
+    def close(self) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None

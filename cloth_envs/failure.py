@@ -1,0 +1,40 @@
+"""When a simulation has failed: the rules are the same for every backend."""
+
+from __future__ import annotations
+
+import numpy as np
+from _minicloth_kernels import inspect
+
+from cloth_envs.scene import Scene
+from cloth_envs.state import State
+
+MAX_STRAIN = 1.0  # an edge at twice its rest length
+MAX_ENERGY_JUMP = 200.0  # J/kg gained in one frame, 20 m/s on every vertex
+
+
+class Failures:
+    """Checks one frame: ``"non-finite"``, ``"overstretch"`` (strain over 100 %) or ``"energy"`` (a jump)."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.grid = scene.grid
+
+    def check(self, before: State, after: State) -> list[str | None]:
+        """The reason for each member of the batch, or None."""
+        now = self._inspect(after)
+        calm = now[:, 0].all() and now[:, 1].max() <= MAX_STRAIN and now[:, 2].max() <= MAX_ENERGY_JUMP
+        if calm:
+            return [None] * len(now)
+        gained = now[:, 2] - self._inspect(before)[:, 2]
+        return [_reason(*row) for row in zip(now[:, 0], now[:, 1], gained, strict=True)]
+
+    def _inspect(self, state: State) -> np.ndarray:
+        g = self.grid
+        return inspect(state.positions, state.velocities, g.row_spacing, g.col_spacing, g.periodic)
+
+
+def _reason(finite: float, strain: float, gained: float) -> str | None:
+    if not finite:
+        return "non-finite"
+    if strain > MAX_STRAIN:
+        return "overstretch"
+    return "energy" if gained > MAX_ENERGY_JUMP else None

@@ -1,0 +1,141 @@
+"""The default reference solver: symplectic Euler at the largest stable step, compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import _minicloth_kernels as kernels
+import numpy as np
+
+from cloth_envs.material import Material
+from cloth_envs.naming import unknown_name
+from cloth_envs.physics.stability import stable_step
+from cloth_envs.scene import Scene
+from cloth_envs.state import Controls, State
+
+MAX_SUBSTEPS = 20_000  # per frame
+_SOLVERS = {"float32": kernels.Explicit32, "float64": kernels.Explicit64}
+
+
+class ExplicitBackend:
+    """Symplectic Euler, ``v += h a(x, v)`` then ``x += h v``, in equal substeps of a frame.
+
+    The number of substeps comes from a bound on the spectrum (``stability.stable_step``), so every
+    material that is not refused is stable. Handles and bodies move on cubics through the frame.
+
+    Args:
+        scene: what is modelled; terms that it does not list are not evaluated.
+        num_envs: members of the batch.
+        threads: over members of the batch; results do not depend on it.
+        dtype: ``"float32"``, or ``"float64"`` for truth.
+        substeps: per frame, instead of the largest stable step; not below the stable number.
+        refine: multiplies the number of substeps (4 for truth).
+
+    Raises:
+        ValueError: a bad argument, or a material so stiff or light that a frame would need more
+            than 20,000 substeps.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        num_envs: int = 1,
+        threads: int = 1,
+        dtype: str = "float32",
+        substeps: int | None = None,
+        refine: int = 1,
+    ) -> None:
+        if dtype not in _SOLVERS:
+            raise unknown_name("dtype", dtype, _SOLVERS)
+        for name, value in (("num_envs", num_envs), ("threads", threads), ("refine", refine)):
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+                raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")
+        self.scene, self.num_envs, self.threads = scene, num_envs, threads
+        self.dtype = np.dtype(dtype)
+        self._refine, self._wanted = refine, substeps
+        wind = scene.wind
+        self._solver = _SOLVERS[dtype](
+            rows=scene.grid.rows,
+            cols=scene.grid.cols,
+            row_length=scene.grid.row_spacing,
+            col_length=scene.grid.col_spacing,
+            periodic=scene.grid.periodic,
+            frame_dt=scene.frame_dt,
+            gravity=scene.gravity,
+            thickness=scene.thickness,
+            wind_normal=wind.air_density * wind.normal if wind else 0.0,
+            wind_tangential=wind.air_density * wind.tangential if wind else 0.0,
+            wind=wind is not None,
+            pressure=scene.pressure,
+            handles=list(scene.handles),
+            kinds=[body.kind for body in scene.colliders],
+            radii=[body.radius for body in scene.colliders],
+            frictions=[body.friction for body in scene.colliders],
+        )
+        self._sheets = np.zeros((num_envs, 6))
+        self.substeps = np.ones(num_envs, np.int32)
+        self._set_materials(range(num_envs), [scene.material] * num_envs)
+        self._state: State | None = None
+
+    @property
+    def state(self) -> State:
+        if self._state is None:
+            raise RuntimeError("there is no cloth yet: call reset(state) first")
+        return self._state
+
+    def _set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
+        for i, m in zip(which, materials, strict=True):
+            drag = m.drag if self.scene.drag else 0.0
+            self._sheets[i] = (
+                m.areal_density, m.stretch_stiffness, m.shear_stiffness, m.bend_stiffness, m.damping, drag
+            )  # fmt: skip
+            self.substeps[i] = self._count(m)
+
+    def _count(self, material: Material) -> int:
+        least = int(np.ceil(self.scene.frame_dt / stable_step(self.scene, material)))
+        count = least * self._refine if self._wanted is None else self._wanted
+        if count < least:
+            raise ValueError(f"substeps={count} is unstable for this grid and material; use at least {least}")
+        if count > MAX_SUBSTEPS:
+            raise ValueError(
+                f"this material needs {count} substeps a frame, the limit is {MAX_SUBSTEPS}: lower its stiffness or "
+                "damping, raise its areal_density, or use a coarser resolution"
+            )
+        return count
+
+    def reset(
+        self,
+        state: State,
+        materials: Sequence[Material] | None = None,
+        which: Sequence[int] | None = None,
+    ) -> None:
+        members = range(self.num_envs) if which is None else which
+        if state.batch != len(members):
+            raise ValueError(f"the state holds {state.batch} cloths, expected {len(members)}")
+        self._set_materials(members, [self.scene.material] * len(members) if materials is None else materials)
+        state = state.astype(self.dtype)
+        if which is None:
+            self._state = state
+        else:
+            self._state = self.state.copy()
+            self._state.assign(list(which), state)
+
+    def advance(self, controls: Controls) -> State:
+        old = self.state
+        new = State(
+            positions=np.empty_like(old.positions),
+            velocities=np.empty_like(old.velocities),
+            colliders=controls.colliders.astype(self.dtype),
+            collider_velocities=controls.collider_velocities.astype(self.dtype),
+            wind=controls.wind,
+            pressure=controls.pressure,
+            time=old.time + self.scene.frame_dt,
+        )
+        self._solver.advance(
+            old.positions, old.velocities, new.positions, new.velocities, self._sheets, self.substeps,
+            controls.handle_positions, controls.handle_velocities, old.colliders, old.collider_velocities,
+            controls.colliders, controls.collider_velocities, controls.wind, controls.pressure, self.threads,
+        )  # fmt: skip
+        self._state = new
+        return new

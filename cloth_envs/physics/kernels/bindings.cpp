@@ -1,0 +1,123 @@
+// The Python module _minicloth_kernels.
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
+
+#include <stdexcept>
+#include <string>
+
+#include "explicit.hpp"
+
+namespace nb = nanobind;
+using namespace minicloth;
+
+namespace {
+
+template <class T, int kDims>
+using In = nb::ndarray<const T, nb::ndim<kDims>, nb::c_contig, nb::device::cpu>;
+template <class T, int kDims>
+using Out = nb::ndarray<T, nb::ndim<kDims>, nb::c_contig, nb::device::cpu>;
+
+void need(bool good, const char* what) {
+  if (!good) throw std::invalid_argument(std::string("wrong shape: ") + what);
+}
+
+template <class A>
+bool shaped(const A& a, std::initializer_list<std::size_t> shape) {
+  std::size_t k = 0;
+  for (std::size_t n : shape)
+    if (a.shape(k++) != n) return false;
+  return true;
+}
+
+template <class T>
+void advance(const Explicit<T>& solver, In<T, 4> x, In<T, 4> v, Out<T, 4> x_out, Out<T, 4> v_out, In<double, 2> sheets,
+             In<int, 1> substeps, In<double, 3> handle_x, In<double, 3> handle_v, In<T, 4> body_x, In<T, 4> body_v,
+             In<double, 4> body_x_end, In<double, 4> body_v_end, In<double, 2> wind, In<double, 1> pressure,
+             int threads) {
+  const auto& g = solver.geometry();
+  const std::size_t batch = x.shape(0), rows = g.rows, cols = g.cols;
+  const std::size_t handles = solver.world().handles.size(), bodies = solver.world().bodies.size();
+  const std::initializer_list<std::size_t> cloth = {batch, 3, rows, cols}, axes = {batch, bodies, 2, 3};
+  need(shaped(x, cloth) && shaped(v, cloth) && shaped(x_out, cloth) && shaped(v_out, cloth),
+       "positions and velocities must be (B, 3, H, W)");
+  need(shaped(sheets, {batch, 6}) && shaped(substeps, {batch}), "materials must be (B, 6), substeps (B,)");
+  need(shaped(handle_x, {batch, handles, 3}) && shaped(handle_v, {batch, handles, 3}), "handles must be (B, N, 3)");
+  need(shaped(body_x, axes) && shaped(body_v, axes) && shaped(body_x_end, axes) && shaped(body_v_end, axes),
+       "colliders must be (B, C, 2, 3)");
+  need(shaped(wind, {batch, 3}) && shaped(pressure, {batch}), "wind must be (B, 3), pressure (B,)");
+  need(threads >= 1, "threads must be at least 1");
+
+  const std::size_t n = 3 * rows * cols;
+  std::vector<Frame<T>> frames(batch);
+  for (std::size_t b = 0; b < batch; ++b) {
+    const double* m = sheets.data() + 6 * b;
+    need(substeps.data()[b] >= 1, "substeps must be at least 1");
+    frames[b] = {x.data() + b * n,
+                 v.data() + b * n,
+                 x_out.data() + b * n,
+                 v_out.data() + b * n,
+                 Sheet{m[0], m[1], m[2], m[3], m[4], m[5]},
+                 substeps.data()[b],
+                 handle_x.data() + b * handles * 3,
+                 handle_v.data() + b * handles * 3,
+                 body_x.data() + b * bodies * 6,
+                 body_v.data() + b * bodies * 6,
+                 body_x_end.data() + b * bodies * 6,
+                 body_v_end.data() + b * bodies * 6,
+                 wind.data() + 3 * b,
+                 pressure.data()[b]};
+  }
+  nb::gil_scoped_release release;
+  solver.advance(frames, threads);
+}
+
+template <class T>
+void bind_solver(nb::module_& m, const char* name) {
+  nb::class_<Explicit<T>>(m, name)
+      .def(
+          "__init__",
+          [](Explicit<T>* self, int rows, int cols, double row_length, double col_length, bool periodic,
+             double frame_dt, double gravity, double thickness, double wind_normal, double wind_tangential, bool wind,
+             bool pressure, std::vector<int> handles, const std::vector<std::string>& kinds,
+             const std::vector<double>& radii, const std::vector<double>& frictions) {
+            World world{frame_dt, gravity, thickness, wind_normal, wind_tangential, wind, pressure, std::move(handles), {}};
+            for (std::size_t i = 0; i < kinds.size(); ++i)
+              world.bodies.push_back({kinds[i] == "plane", radii.at(i), frictions.at(i)});
+            for (int h : world.handles) need(h >= 0 && h < rows * cols, "a handle is not a vertex of the grid");
+            new (self) Explicit<T>(Geometry<T>(rows, cols, row_length, col_length, periodic), std::move(world));
+          },
+          nb::kw_only(), nb::arg("rows"), nb::arg("cols"), nb::arg("row_length"), nb::arg("col_length"),
+          nb::arg("periodic"), nb::arg("frame_dt"), nb::arg("gravity"), nb::arg("thickness"), nb::arg("wind_normal"),
+          nb::arg("wind_tangential"), nb::arg("wind"), nb::arg("pressure"), nb::arg("handles"), nb::arg("kinds"),
+          nb::arg("radii"), nb::arg("frictions"))
+      .def("advance", &advance<T>);
+}
+
+template <class T>
+void bind_inspect(nb::module_& m) {
+  m.def(
+      "inspect",
+      [](In<T, 4> x, In<T, 4> v, double row_length, double col_length, bool periodic) {
+        const std::size_t batch = x.shape(0), n = 3 * x.shape(2) * x.shape(3);
+        auto* out = new double[3 * batch];
+        nb::capsule owner(out, [](void* p) noexcept { delete[] static_cast<double*>(p); });
+        for (std::size_t b = 0; b < batch; ++b)
+          inspect<T>(x.data() + b * n, v.data() + b * n, int(x.shape(2)), int(x.shape(3)), row_length, col_length,
+                     periodic, out + 3 * b);
+        return nb::ndarray<nb::numpy, double, nb::ndim<2>>(out, {batch, 3}, owner);
+      },
+      "Per cloth: all finite (1 or 0), largest structural strain, kinetic energy per mass [J/kg]; (B, 3).");
+}
+
+}  // namespace
+
+NB_MODULE(_minicloth_kernels, m) {
+  m.doc() = "Compiled loops of MiniCloth.";
+  bind_solver<float>(m, "Explicit32");
+  bind_solver<double>(m, "Explicit64");
+  bind_inspect<float>(m);
+  bind_inspect<double>(m);
+  m.def("instruction_set", &best_lanes_name, "The instruction set that the kernels run on this processor.");
+}

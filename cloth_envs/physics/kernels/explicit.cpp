@@ -1,0 +1,175 @@
+#include "explicit.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <thread>
+#include <utility>
+#if defined(__SSE2__)
+#include <xmmintrin.h>
+#endif
+
+namespace minicloth {
+namespace {
+
+// Denormal numbers are slow and mean nothing here; the caller's setting comes back at the end.
+struct FlushDenormals {
+#if defined(__SSE2__)
+  unsigned saved = _mm_getcsr();
+  FlushDenormals() { _mm_setcsr(saved | 0x8040u); }
+  ~FlushDenormals() { _mm_setcsr(saved); }
+#endif
+};
+
+// Cubic Hermite motion over a frame.
+struct Cubic {
+  double p0, v0, p1, v1;  // v [per frame]
+  double position(double s) const {
+    return p0 + s * (v0 + s * ((3 * (p1 - p0) - 2 * v0 - v1) + s * (2 * (p0 - p1) + v0 + v1)));
+  }
+  double velocity(double s) const {
+    return v0 + s * (2 * (3 * (p1 - p0) - 2 * v0 - v1) + s * 3 * (2 * (p0 - p1) + v0 + v1));
+  }
+};
+
+// Two states (the step reads one and writes the other) and the forces of the air, in one allocation.
+template <class T>
+struct Workspace {
+  std::vector<T> memory;
+  Planes<T> now, next;
+  Triangles<T> air;
+  void prepare(std::size_t size) {
+    memory.assign(18 * size + 16, T(0));
+    T* p = memory.data();
+    p += (64 - reinterpret_cast<std::uintptr_t>(p) % 64) % 64 / sizeof(T);
+    const auto take = [&] { return std::exchange(p, p + size); };
+    for (Planes<T>* s : {&now, &next}) *s = {take(), take(), take(), take(), take(), take()};
+    for (int k = 0; k < 3; ++k) air.lower[k] = take(), air.upper[k] = take();
+  }
+};
+
+template <class T>
+void wrap(const Geometry<T>& g, const Planes<T>& s) {
+  for (T* plane : {s.x, s.y, s.z, s.vx, s.vy, s.vz})
+    for (int r = 0; r < g.rows; ++r) {
+      T* row = plane + g.at(r, 0);
+      for (int k = 1; k <= kGhost; ++k) row[-k] = row[g.cols - k], row[g.cols + k - 1] = row[k - 1];
+    }
+}
+
+}  // namespace
+
+template <class T>
+void Explicit<T>::advance(const Frame<T>& f) const {
+  const Geometry<T>& g = geometry_;
+  const World& w = world_;
+  const Lanes<T>& lanes = best_lanes<T>();
+  thread_local Workspace<T> work;
+  work.prepare(g.size);
+  Planes<T> now = work.now, next = work.next;
+
+  const int n = g.rows * g.cols;
+  const auto each_row = [&](const Planes<T>& s, auto copy) {
+    T* const planes[] = {s.x, s.y, s.z, s.vx, s.vy, s.vz};
+    for (int k = 0; k < 6; ++k)
+      for (int r = 0; r < g.rows; ++r) copy(planes[k] + g.at(r, 0), k, r * g.cols);
+  };
+  each_row(now, [&](T* row, int k, int i) { std::copy_n((k < 3 ? f.x + k * n : f.v + (k - 3) * n) + i, g.cols, row); });
+  if (g.periodic) wrap(g, now);
+
+  const double dt = w.frame_dt / f.substeps, frame_dt = w.frame_dt;
+  // Drag is integrated exactly: dv/dt = a - drag v over a substep with a constant.
+  const double decay = std::exp(-f.sheet.drag * dt);
+  const double lag = f.sheet.drag > 0 ? -std::expm1(-f.sheet.drag * dt) / f.sheet.drag : dt;
+  const StepTerms<T> terms{T(f.sheet.stretch), T(f.sheet.shear), T(f.sheet.bend), T(f.sheet.damping),
+                           T(lag / f.sheet.density), T(decay), T(dt), T(lag * w.gravity)};
+  const AirTerms<T> blow{T(w.wind_normal / 4), T(w.wind_tangential / 4), T(f.pressure),
+                         {T(f.wind[0]), T(f.wind[1]), T(f.wind[2])}};
+  const bool air = w.wind || w.pressure;
+  const auto step = lanes.step[f.sheet.damping > 0][f.sheet.bend > 0][air];
+
+  std::vector<Cubic> handles(3 * w.handles.size()), bodies(6 * w.bodies.size());
+  for (std::size_t h = 0; h < w.handles.size(); ++h)
+    for (int k = 0; k < 3; ++k) {
+      const int i = k * n + w.handles[h];
+      handles[3 * h + k] = {f.x[i], f.v[i] * frame_dt, f.handle_x[3 * h + k], f.handle_v[3 * h + k] * frame_dt};
+    }
+  for (std::size_t i = 0; i < bodies.size(); ++i)
+    bodies[i] = {f.body_x[i], f.body_v[i] * frame_dt, f.body_x_end[i], f.body_v_end[i] * frame_dt};
+
+  for (int k = 0; k < f.substeps; ++k) {
+    const double s0 = double(k) / f.substeps, s1 = double(k + 1) / f.substeps;
+    if (air) lanes.air[w.wind](g, blow, now, work.air);
+    step(g, terms, now, next, &work.air);
+    for (std::size_t b = 0; b < w.bodies.size(); ++b) {
+      BodyStep<T> body;
+      body.plane = w.bodies[b].plane, body.friction = T(w.bodies[b].friction);
+      body.radius = T(w.bodies[b].radius + w.thickness), body.dt = T(dt);
+      for (int e = 0; e < 2; ++e)
+        for (int c = 0; c < 3; ++c) {
+          const Cubic& path = bodies[6 * b + 3 * e + c];
+          body.before[e][c] = T(path.position(s0)), body.after[e][c] = T(path.position(s1));
+        }
+      lanes.contact(g, body, now, next);
+    }
+    for (std::size_t h = 0; h < w.handles.size(); ++h) {
+      const int i = g.at(w.handles[h] / g.cols, w.handles[h] % g.cols);
+      const Cubic* path = &handles[3 * h];
+      next.x[i] = T(path[0].position(s1)), next.vx[i] = T(path[0].velocity(s1) / frame_dt);
+      next.y[i] = T(path[1].position(s1)), next.vy[i] = T(path[1].velocity(s1) / frame_dt);
+      next.z[i] = T(path[2].position(s1)), next.vz[i] = T(path[2].velocity(s1) / frame_dt);
+    }
+    if (g.periodic) wrap(g, next);
+    std::swap(now, next);
+  }
+  each_row(now, [&](T* row, int k, int i) { std::copy_n(row, g.cols, (k < 3 ? f.x_out + k * n : f.v_out + (k - 3) * n) + i); });
+}
+
+template <class T>
+void Explicit<T>::advance(const std::vector<Frame<T>>& frames, int threads) const {
+  const int count = std::min<int>(threads, int(frames.size()));
+  const auto work = [&](int first) {
+    const FlushDenormals flush;
+    for (std::size_t i = first; i < frames.size(); i += count) advance(frames[i]);
+  };
+  std::vector<std::thread> pool;
+  for (int t = 1; t < count; ++t) pool.emplace_back(work, t);
+  work(0);
+  for (auto& t : pool) t.join();
+}
+
+template class Explicit<float>;
+template class Explicit<double>;
+
+template <class T>
+void inspect(const T* x, const T* v, int rows, int cols, double row_length, double col_length, bool periodic,
+             double* out) {
+  const int n = rows * cols;
+  const T *y = x + n, *z = y + n;
+  T total = 0, longest = 0;  // v.v summed; largest squared stretch ratio; x * 0 is NaN unless x is finite
+  T finite = 0;
+  for (int i = 0; i < 3 * n; ++i) total += v[i] * v[i];
+  for (int i = 0; i < 3 * n; ++i) finite += x[i] * T(0);
+  const auto edges = [&](int from, int to, int count, T scale) {
+    T most = 0;
+    for (int k = 0; k < count; ++k) {
+      const T dx = x[to + k] - x[from + k], dy = y[to + k] - y[from + k], dz = z[to + k] - z[from + k];
+      const T square = (dx * dx + dy * dy + dz * dz) * scale;
+      most = most > square ? most : square;
+    }
+    longest = longest > most ? longest : most;
+  };
+  const T along = T(1 / (col_length * col_length)), down = T(1 / (row_length * row_length));
+  for (int r = 0; r < rows; ++r) {
+    edges(r * cols, r * cols + 1, cols - 1, along);
+    if (periodic) edges(r * cols + cols - 1, r * cols, 1, along);
+  }
+  edges(0, cols, n - cols, down);
+  out[0] = std::isfinite(total) && std::isfinite(finite) ? 1.0 : 0.0;
+  out[1] = std::sqrt(double(longest)) - 1.0;
+  out[2] = 0.5 * double(total) / n;
+}
+template void inspect(const float*, const float*, int, int, double, double, bool, double*);
+template void inspect(const double*, const double*, int, int, double, double, bool, double*);
+
+}  // namespace minicloth

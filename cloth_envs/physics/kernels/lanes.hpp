@@ -1,0 +1,51 @@
+// The hot loops. lanes.cpp is compiled once for each instruction set; the best one is chosen at run time.
+#pragma once
+#include "geometry.hpp"
+
+namespace minicloth {
+
+template <class T>
+struct Planes {  // positions and velocities, padded as Geometry says
+  T *x, *y, *z, *vx, *vy, *vz;
+};
+
+template <class T>
+struct Triangles {  // a third of the force on each lower and upper triangle of a cell [N]
+  T *lower[3], *upper[3];
+};
+
+template <class T>
+struct StepTerms {
+  T stretch, shear, bend, damping;      // N/m, N/m, N m, s
+  T accelerate, decay, dt, gravity_kick;  // force/area -> dv, v factor, s, dv of gravity
+};
+
+template <class T>
+struct AirTerms {
+  T normal, tangential, pressure;  // density * coefficient / 4 [kg/m^3], Pa
+  T wind[3];                       // m/s
+};
+
+template <class T>
+struct BodyStep {  // a body over one substep: two end points of its axis before and after
+  int plane;       // 1: before/after[0] is a point, [1] the unit normal
+  T before[2][3], after[2][3];
+  T radius, friction, dt;  // radius includes the thickness
+};
+
+template <class T>
+struct Lanes {
+  // One substep of springs, dampers, bending, gravity, drag and listed triangle forces.
+  using Step = void (*)(const Geometry<T>&, const StepTerms<T>&, const Planes<T>& in, const Planes<T>& out,
+                        const Triangles<T>* air);
+  Step step[2][2][2];  // [damping][bending][air]
+  using Air = void (*)(const Geometry<T>&, const AirTerms<T>&, const Planes<T>& in, const Triangles<T>& out);
+  Air air[2];  // [wind]; pressure alone needs no velocities
+  void (*contact)(const Geometry<T>&, const BodyStep<T>&, const Planes<T>& in, const Planes<T>& out);
+};
+
+template <class T>
+const Lanes<T>& best_lanes();
+const char* best_lanes_name();
+
+}  // namespace minicloth

@@ -1,0 +1,274 @@
+"""The plain NumPy twin of the explicit kernel: the definition of every force, and the tests' oracle.
+
+Arrays are ``(B, 3, H, W)`` as in ``State``; forces are in newtons, energies ``(B,)`` in joules. All is
+computed in float64, one vertex class at a time, with nothing saved or reused: read it, do not run it
+on anything large. ``materials`` holds one ``Material`` per member of the batch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+from cloth_envs.physics.reference_contact import resolve_contact
+from cloth_envs.scene import Scene
+from cloth_envs.state import Controls, State
+
+Materials = Sequence[Material]
+Forces = np.ndarray
+
+
+class Edges(NamedTuple):
+    """One class of springs: no vertex is twice among ``first`` or twice among ``second``."""
+
+    modulus: str  # the material's stiffness [N/m] that it scales with
+    first: np.ndarray  # (E,) vertex numbers
+    second: np.ndarray
+    rest: float  # rest length [m]
+    weight: np.ndarray  # (E,) spring constant per modulus [1]
+
+
+class Triples(NamedTuple):
+    """Three neighbours along a row or a column, for a second difference of the positions."""
+
+    before: np.ndarray  # (T,) vertex numbers
+    middle: np.ndarray
+    after: np.ndarray
+    weight: np.ndarray  # (T,) stiffness per bend stiffness [1/m^2]
+
+
+def _sides(grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """Share of a full cell's width that a row ``(H, 1)`` and a column ``(1, W)`` carries: 1, or 1/2 on the border."""
+    row, col = np.ones((grid.rows, 1)), np.ones((1, grid.cols))
+    row[[0, -1]] = 0.5
+    if not grid.periodic:
+        col[:, [0, -1]] = 0.5
+    return row, col
+
+
+def edges(grid: Grid) -> Iterator[Edges]:
+    """Structural edges along the columns' and the rows' direction, then the two diagonals of every cell.
+
+    A spring stands for the strip of sheet around it, so ``k = modulus * width of the strip / length``;
+    a strip at the border is half as wide. A cell sheared by the small angle g stretches each diagonal
+    by ``g a b / d``: two springs ``G d^2 / (2 a b)`` then hold the energy ``G g^2 a b / 2`` of the cell.
+    """
+    number = np.arange(grid.vertices).reshape(grid.shape)
+    right = np.roll(number, -1, axis=1)
+    down = number[1:]
+    a, b, d = grid.row_spacing, grid.col_spacing, grid.diagonal
+    row, col = _sides(grid)
+    inside = slice(None, grid.cells[1])  # columns that have a right neighbour
+    across = np.broadcast_to(row * (a / b), grid.shape)[:, inside]
+    along = np.broadcast_to(col * (b / a), grid.shape)[1:]
+    diagonal = np.full(grid.cells, d * d / (2 * a * b))
+    ul, ur, ll, lr = number[:-1, inside], right[:-1, inside], down[:, inside], right[1:, inside]
+    for modulus, first, second, rest, weight in (
+        ("stretch_stiffness", number[:, inside], right[:, inside], b, across),
+        ("stretch_stiffness", number[:-1], down, a, along),
+        ("shear_stiffness", ul, lr, d, diagonal),
+        ("shear_stiffness", ur, ll, d, diagonal),
+    ):
+        yield Edges(modulus, first.ravel(), second.ravel(), rest, weight.ravel())
+
+
+def triples(grid: Grid) -> Iterator[Triples]:
+    """Second differences along every row and every column, none across a border."""
+    number = np.arange(grid.vertices).reshape(grid.shape)
+    a, b = grid.row_spacing, grid.col_spacing
+    row, col = _sides(grid)
+    along_row = [np.roll(number, shift, axis=1) for shift in (1, 0, -1)]
+    weight = np.broadcast_to(row * (a / b**3), grid.shape)
+    if not grid.periodic:
+        along_row, weight = [part[:, 1:-1] for part in along_row], weight[:, 1:-1]
+    yield Triples(*(part.ravel() for part in along_row), weight.ravel())
+    weight = np.broadcast_to(col * (b / a**3), grid.shape)[1:-1]
+    yield Triples(number[:-2].ravel(), number[1:-1].ravel(), number[2:].ravel(), weight.ravel())
+
+
+def _flat(x: np.ndarray) -> np.ndarray:
+    return x.astype(np.float64).reshape(len(x), 3, -1)
+
+
+def _values(materials: Materials, name: str) -> np.ndarray:
+    """A material property as ``(B, 1)``."""
+    return np.array([[getattr(material, name)] for material in materials])
+
+
+def spring_forces(grid: Grid, materials: Materials, x: np.ndarray) -> Forces:
+    """``f_i = k (|d| - L) d / |d|``, ``d = x_j - x_i``, on both ends of every edge."""
+    at, out = _flat(x), np.zeros_like(_flat(x))
+    for edge in edges(grid):
+        d = at[..., edge.second] - at[..., edge.first]
+        length = np.linalg.norm(d, axis=1)
+        tension = _values(materials, edge.modulus) * edge.weight * (length - edge.rest)
+        force = (tension / length)[:, None] * d
+        out[..., edge.first] += force
+        out[..., edge.second] -= force
+    return out.reshape(x.shape)
+
+
+def spring_energy(grid: Grid, materials: Materials, x: np.ndarray) -> np.ndarray:
+    """``sum k (|d| - L)^2 / 2``."""
+    at, total = _flat(x), np.zeros(len(x))
+    for edge in edges(grid):
+        length = np.linalg.norm(at[..., edge.second] - at[..., edge.first], axis=1)
+        total += (_values(materials, edge.modulus) * edge.weight * (length - edge.rest) ** 2).sum(1) / 2
+    return total
+
+
+def damper_forces(grid: Grid, materials: Materials, x: np.ndarray, v: np.ndarray) -> Forces:
+    """``f_i = c (d^ . (v_j - v_i)) d^`` along the same edges, ``c = damping * k``."""
+    at, speed, out = _flat(x), _flat(v), np.zeros_like(_flat(x))
+    for edge in edges(grid):
+        d = at[..., edge.second] - at[..., edge.first]
+        rate = (d * (speed[..., edge.second] - speed[..., edge.first])).sum(1) / (d * d).sum(1)
+        c = _values(materials, "damping") * _values(materials, edge.modulus) * edge.weight
+        force = (c * rate)[:, None] * d
+        out[..., edge.first] += force
+        out[..., edge.second] -= force
+    return out.reshape(x.shape)
+
+
+def bend_forces(grid: Grid, materials: Materials, x: np.ndarray) -> Forces:
+    """Quadratic bending (Bergou et al. 2006): the negative gradient of ``bend_energy``, linear in x."""
+    at, out = _flat(x), np.zeros_like(_flat(x))
+    for t in triples(grid):
+        second = at[..., t.before] - 2 * at[..., t.middle] + at[..., t.after]
+        force = (_values(materials, "bend_stiffness") * t.weight)[:, None] * second
+        out[..., t.before] -= force
+        out[..., t.middle] += 2 * force
+        out[..., t.after] -= force
+    return out.reshape(x.shape)
+
+
+def bend_energy(grid: Grid, materials: Materials, x: np.ndarray) -> np.ndarray:
+    """``sum g |x_before - 2 x_middle + x_after|^2 / 2``, ``g = B * width of the strip / spacing^3``."""
+    at, total = _flat(x), np.zeros(len(x))
+    for t in triples(grid):
+        second = at[..., t.before] - 2 * at[..., t.middle] + at[..., t.after]
+        total += (_values(materials, "bend_stiffness") * t.weight * (second**2).sum(1)).sum(1) / 2
+    return total
+
+
+def masses(grid: Grid, materials: Materials) -> np.ndarray:
+    """Lumped masses, ``(B, 1, H, W)`` [kg]."""
+    return _values(materials, "areal_density")[:, :, None, None] * grid.areas
+
+
+def gravity_forces(grid: Grid, materials: Materials, x: np.ndarray, gravity: float) -> Forces:
+    """``(0, 0, -m g)``."""
+    return masses(grid, materials) * np.array([0.0, 0.0, -gravity])[:, None, None] + np.zeros(x.shape)
+
+
+def gravity_energy(grid: Grid, materials: Materials, x: np.ndarray, gravity: float) -> np.ndarray:
+    """``sum m g z``."""
+    return gravity * (masses(grid, materials)[:, 0] * x[:, 2]).sum((1, 2))
+
+
+def kinetic_energy(grid: Grid, materials: Materials, v: np.ndarray) -> np.ndarray:
+    """``sum m |v|^2 / 2``."""
+    return (masses(grid, materials) * v.astype(np.float64) ** 2).sum((1, 2, 3)) / 2
+
+
+def _corners(grid: Grid, x: np.ndarray) -> np.ndarray:
+    """The three corners of every triangle, ``(3 corners, B, T, 3 axes)``."""
+    return _flat(x)[:, :, grid.triangles.T].transpose(2, 0, 3, 1)
+
+
+def _to_vertices(grid: Grid, force: np.ndarray, shape: tuple[int, ...]) -> Forces:
+    """A third of every triangle's force ``(B, T, 3)`` to each of its corners."""
+    out = np.zeros((len(force), grid.vertices, 3))
+    for corner in grid.triangles.T:
+        np.add.at(out, (slice(None), corner), force / 3)
+    return out.transpose(0, 2, 1).reshape(shape)
+
+
+def wind_forces(scene: Scene, x: np.ndarray, v: np.ndarray, wind: np.ndarray) -> Forces:
+    """Wejchert & Haumann 1991: ``f = -rho/2 A (C_n |n.v_r| (n.v_r) n + C_t |v_t| v_t)`` on a triangle.
+
+    ``v_r`` is the triangle's mean velocity less ``wind`` ``(B, 3)``, ``v_t`` its part in the plane.
+    """
+    if scene.wind is None:
+        return np.zeros(x.shape)
+    x0, x1, x2 = _corners(scene.grid, x)
+    normal = np.cross(x1 - x0, x2 - x0)
+    twice_area = np.linalg.norm(normal, axis=2, keepdims=True)
+    n = normal / twice_area
+    relative = _corners(scene.grid, v).mean(0) - wind[:, None, :]
+    across = (n * relative).sum(2, keepdims=True)
+    tangential = relative - across * n
+    speed = np.linalg.norm(tangential, axis=2, keepdims=True)
+    stress = scene.wind.normal * abs(across) * across * n + scene.wind.tangential * speed * tangential
+    return _to_vertices(scene.grid, -0.5 * scene.wind.air_density * (twice_area / 2) * stress, x.shape)
+
+
+def pressure_forces(grid: Grid, x: np.ndarray, pressure: np.ndarray) -> Forces:
+    """``p (x1 - x0) x (x2 - x0) / 2`` on a triangle: ``pressure`` ``(B,)`` [Pa] along its normal."""
+    x0, x1, x2 = _corners(grid, x)
+    return _to_vertices(grid, pressure[:, None, None] * np.cross(x1 - x0, x2 - x0) / 2, x.shape)
+
+
+def pressure_energy(grid: Grid, x: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+    """``-p V``, ``V = sum x0 . (x1 x x2) / 6``. Its gradient is the force at vertices off the border."""
+    x0, x1, x2 = _corners(grid, x)
+    return -pressure * (x0 * np.cross(x1, x2)).sum((1, 2)) / 6
+
+
+def total_forces(scene: Scene, materials: Materials, state: State, wind: np.ndarray, pressure: np.ndarray) -> Forces:
+    """All forces of the scene but drag and contact, which the step applies to the velocities."""
+    grid, x, v = scene.grid, state.positions, state.velocities
+    force = spring_forces(grid, materials, x) + damper_forces(grid, materials, x, v) + bend_forces(grid, materials, x)
+    force += gravity_forces(grid, materials, x, scene.gravity) + wind_forces(scene, x, v, wind)
+    return force + pressure_forces(grid, x, pressure) if scene.pressure else force
+
+
+def hermite(s: float, frame: float, x0, v0, x1, v1) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
+    """Position and velocity at ``s`` in [0, 1] of the cubic through both ends' positions and velocities."""
+    x = (1 + 2 * s) * (1 - s) ** 2 * x0 + s * s * (3 - 2 * s) * x1
+    x = x + frame * s * (1 - s) * ((1 - s) * v0 - s * v1)
+    v = 6 * s * (1 - s) * (x1 - x0) / frame + (1 - s) * (1 - 3 * s) * v0 + s * (3 * s - 2) * v1
+    return x, v
+
+
+def step(
+    scene: Scene, state: State, controls: Controls, substeps: int, materials: Materials | None = None
+) -> State:
+    """One frame by symplectic Euler with ``substeps`` equal substeps; the result is in float64.
+
+    In a substep of length h: ``v <- v D + (F/m) h phi`` with ``D = exp(-drag h)``,
+    ``phi = (1 - D) / (drag h)`` (exact for a constant force), ``x <- x + h v``, contact with every body
+    in turn; handles then get the place and velocity of their cubic.
+    """
+    materials = [scene.material] * state.batch if materials is None else materials
+    old, now = state.astype(np.float64), state.astype(np.float64)
+    h = scene.frame_dt / substeps
+    mass = masses(scene.grid, materials)
+    decay = _values(materials, "drag")[:, :, None, None] * h * scene.drag
+    push = np.divide(-np.expm1(-decay), decay, out=np.ones_like(decay), where=decay > 0)
+    held = list(scene.handles)
+    start = [_flat(a)[..., held].transpose(0, 2, 1) for a in (old.positions, old.velocities)]
+    for substep in range(1, substeps + 1):
+        s = substep / substeps
+        force = total_forces(scene, materials, now, controls.wind, controls.pressure)
+        before = now.positions
+        now.velocities = now.velocities * np.exp(-decay) + force / mass * h * push
+        now.positions = before + h * now.velocities
+        bodies, _ = hermite(
+            s, scene.frame_dt, old.colliders, old.collider_velocities, controls.colliders, controls.collider_velocities
+        )
+        resolve_contact(scene, now, before, now.colliders, bodies, h)
+        now.colliders = bodies
+        place, speed = hermite(
+            s, scene.frame_dt, *start, controls.handle_positions, controls.handle_velocities
+        )
+        for array, value in ((now.positions, place), (now.velocities, speed)):
+            array.reshape(state.batch, 3, -1)[..., held] = value.transpose(0, 2, 1)
+    now.collider_velocities = np.array(controls.collider_velocities, np.float64)
+    now.wind, now.pressure = controls.wind.copy(), controls.pressure.copy()
+    now.time = old.time + scene.frame_dt
+    return now

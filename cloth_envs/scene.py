@@ -1,0 +1,106 @@
+"""What exists in a scene and which forces are modelled; no solver word in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+
+GRAVITY = 9.81  # m/s^2
+
+
+@dataclass(frozen=True)
+class Wind:
+    """Wind on triangles (Wejchert & Haumann 1991): air density [kg/m^3], normal and tangential coefficient.
+
+    ``max_speed`` [m/s] is the fastest wind that the scene can blow; the stable step allows for it.
+    """
+
+    air_density: float = 1.2
+    normal: float = 1.5
+    tangential: float = 0.1
+    max_speed: float = 12.0
+
+
+@dataclass(frozen=True)
+class Collider:
+    """A body that the cloth can't enter, with Coulomb friction.
+
+    ``kind`` is ``"sphere"``, ``"capsule"`` or ``"plane"``; where it is belongs to the state: the two
+    end points of a capsule's axis, twice the centre of a sphere, a point and the unit normal of a
+    plane. ``radius`` [m] (0 for a plane); ``friction`` is the coefficient mu.
+    """
+
+    kind: str
+    radius: float = 0.0
+    friction: float = 0.3
+    name: str = "body"
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A frozen description in SI units. Backends build exactly the terms listed here.
+
+    Attributes:
+        name: the scene's name, as in ``MiniCloth-<name>-v0``.
+        grid, material: the cloth.
+        frame_dt: length of one environment step [s].
+        handles: vertex numbers that are driven (or pinned, when the controls do not move them).
+        drag: still air slows the cloth by ``material.drag``.
+        wind: wind on triangles, or None.
+        pressure: a pressure difference [Pa] acts on triangles.
+        colliders: bodies, in the order of ``State.colliders``.
+        thickness: distance [m] that contact keeps between a body and the cloth's vertices.
+    """
+
+    name: str
+    grid: Grid
+    material: Material
+    frame_dt: float
+    handles: tuple[int, ...] = ()
+    drag: bool = True
+    wind: Wind | None = None
+    pressure: bool = False
+    colliders: tuple[Collider, ...] = ()
+    thickness: float = 0.005
+    gravity: float = GRAVITY
+
+    def with_material(self, material: Material) -> Scene:
+        return replace(self, material=material)
+
+    @property
+    def mass(self) -> np.ndarray:
+        """Lumped vertex masses, ``(rows, cols)`` [kg]."""
+        return self.grid.areas * self.material.areal_density
+
+    def describe(self) -> str:
+        """What is modelled and what is not, as text."""
+        m, g = self.material, self.grid
+        terms = {
+            "gravity": self.gravity > 0,
+            "stretch and shear springs": True,
+            "damping along the springs": m.damping > 0,
+            "quadratic bending": m.bend_stiffness > 0,
+            "air drag": self.drag and m.drag > 0,
+            "wind on triangles": self.wind is not None,
+            "pressure": self.pressure,
+            **{f"contact with a {c.kind} ({c.name}), friction {c.friction:g}": True for c in self.colliders},
+            "contact with bodies": bool(self.colliders),
+            "self-contact": False,
+            "plasticity, tearing, air flow": False,
+        }
+        if self.colliders:
+            del terms["contact with bodies"]
+        tube = ", closed across columns" if g.periodic else ""
+        lines = [
+            f"{self.name}: {g.height:g} x {g.width:g} m, {g.rows} x {g.cols} vertices{tube}, "
+            f"{len(self.handles)} handles, frame {self.frame_dt * 1e3:g} ms",
+            f"material: {m.areal_density:g} kg/m^2, stretch {m.stretch_stiffness:g} N/m, "
+            f"shear {m.shear_stiffness:g} N/m, bend {m.bend_stiffness:g} N m",
+            "modelled: " + "; ".join(name for name, on in terms.items() if on),
+            "not modelled: " + "; ".join(name for name, on in terms.items() if not on),
+        ]
+        return "\n".join(lines)

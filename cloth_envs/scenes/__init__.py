@@ -1,0 +1,1 @@
+"""One file a scene: constants, Scene, action map, observation extras, reward."""

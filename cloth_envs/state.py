@@ -1,0 +1,106 @@
+"""The one state that every backend steps, every renderer draws and every recorder writes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+
+@dataclass
+class State:
+    """A batch of B cloths on a grid of H rows x W columns, z up.
+
+    Attributes:
+        positions: ``(B, 3, H, W)`` [m].
+        velocities: ``(B, 3, H, W)`` [m/s].
+        colliders: ``(B, C, 2, 3)`` [m]; see ``scene.Collider`` for the meaning of the two points.
+        collider_velocities: ``(B, C, 2, 3)`` [m/s].
+        wind: ``(B, 3)`` [m/s], the wind of the last frame.
+        pressure: ``(B,)`` [Pa], the pressure of the last frame.
+        time: ``(B,)`` [s].
+    """
+
+    positions: np.ndarray
+    velocities: np.ndarray
+    colliders: np.ndarray
+    collider_velocities: np.ndarray
+    wind: np.ndarray
+    pressure: np.ndarray
+    time: np.ndarray
+
+    @classmethod
+    def still(cls, positions: np.ndarray, colliders: np.ndarray | None = None) -> State:
+        """A batch at rest at ``positions`` ``(B, 3, H, W)``, in their dtype."""
+        batch = len(positions)
+        dtype = positions.dtype
+        bodies = np.zeros((batch, 0, 2, 3), dtype) if colliders is None else np.asarray(colliders, dtype)
+        return cls(
+            positions=np.ascontiguousarray(positions),
+            velocities=np.zeros_like(positions, order="C"),
+            colliders=np.ascontiguousarray(bodies),
+            collider_velocities=np.zeros_like(bodies, order="C"),
+            wind=np.zeros((batch, 3)),
+            pressure=np.zeros(batch),
+            time=np.zeros(batch),
+        )
+
+    @property
+    def batch(self) -> int:
+        return len(self.positions)
+
+    def copy(self) -> State:
+        return State(**{name: value.copy() for name, value in self.arrays().items()})
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """The fields by name; no copies."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def astype(self, dtype: np.dtype | type) -> State:
+        """A copy with the cloth and the bodies in another float type; wind, pressure, time stay float64."""
+        keep = ("wind", "pressure", "time")
+        return State(**{n: a.copy() if n in keep else a.astype(dtype) for n, a in self.arrays().items()})
+
+    def select(self, which: np.ndarray | slice | list[int]) -> State:
+        """A copy of some members of the batch."""
+        return State(**{name: value[which].copy() for name, value in self.arrays().items()})
+
+    def assign(self, which: np.ndarray | slice | list[int], other: State) -> None:
+        """Overwrite some members of the batch by those of ``other``."""
+        for name, value in self.arrays().items():
+            value[which] = getattr(other, name)
+
+
+@dataclass
+class Controls:
+    """What an action becomes: where driven things are at the end of the frame.
+
+    Handles and bodies move on a cubic from their present position and velocity to these; wind and
+    pressure are constant over the frame.
+
+    Attributes:
+        handle_positions, handle_velocities: ``(B, N, 3)`` [m], [m/s], in the order of ``Scene.handles``.
+        colliders, collider_velocities: ``(B, C, 2, 3)``.
+        wind: ``(B, 3)`` [m/s]. pressure: ``(B,)`` [Pa].
+    """
+
+    handle_positions: np.ndarray
+    handle_velocities: np.ndarray
+    colliders: np.ndarray
+    collider_velocities: np.ndarray
+    wind: np.ndarray
+    pressure: np.ndarray
+
+    @classmethod
+    def hold(cls, state: State, handles: tuple[int, ...]) -> Controls:
+        """Controls that bring every handle and body to rest where it is now, with no wind or pressure."""
+        flat = state.positions.reshape(state.batch, 3, -1)
+        at = flat[:, :, list(handles)].transpose(0, 2, 1).astype(np.float64)
+        return cls(
+            handle_positions=at,
+            handle_velocities=np.zeros_like(at),
+            colliders=state.colliders.astype(np.float64),
+            collider_velocities=np.zeros(state.colliders.shape),
+            wind=np.zeros((state.batch, 3)),
+            pressure=np.zeros(state.batch),
+        )

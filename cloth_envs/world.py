@@ -1,0 +1,249 @@
+"""The batched engine behind the single and the vector environment."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from cloth_envs.backend import make_backend
+from cloth_envs.failure import Failures
+from cloth_envs.material import PROPERTIES, Material, as_material
+from cloth_envs.naming import unknown_name
+from cloth_envs.registry import load_task
+from cloth_envs.scenes.task import Episode, Start
+from cloth_envs.state import State
+
+OBSERVATIONS = ("keypoints", "mesh")
+POSITION_BOUND = 20.0  # m; observations are clipped to it
+VELOCITY_BOUND = 100.0  # m/s
+
+
+class World:
+    """``num_envs`` episodes of one scene on one backend.
+
+    Raises:
+        ValueError: unknown scene, backend, fabric, property or observation (the nearest match is
+            named), or a resolution, material or range that makes no sense.
+    """
+
+    def __init__(
+        self,
+        scene: str,
+        *,
+        num_envs: int = 1,
+        backend: str = "reference",
+        backend_kwargs: Mapping[str, Any] | None = None,
+        obs: str = "keypoints",
+        material: str | Mapping[str, float] | Material | None = None,
+        randomize: Mapping[str, Sequence[float]] | None = None,
+        resolution: Sequence[int] | None = None,
+    ) -> None:
+        if obs not in OBSERVATIONS:
+            raise unknown_name("observation", obs, OBSERVATIONS)
+        task_class = load_task(scene)
+        base = as_material(material, task_class.material)
+        self.ranges = _check_ranges(randomize)
+        shape = _check_resolution(resolution, task_class.resolution)
+        self.task = task_class(task_class.make_scene(resolution=shape, material=base))
+        self.scene = self.task.scene
+        self.backend = make_backend(backend, self.scene, {"num_envs": num_envs, **(backend_kwargs or {})})
+        self.num_envs, self.obs = num_envs, obs
+        self.failures = Failures(self.scene)
+        self.rngs: list[np.random.Generator | None] = [None] * num_envs
+        self.materials = [base] * num_envs
+        self.frames = np.zeros(num_envs, np.int64)
+        self.episode: Episode | None = None
+
+        bound = np.concatenate(
+            [
+                np.full(3 * len(self.task.keypoints), POSITION_BOUND),
+                np.full(3 * len(self.task.keypoints), VELOCITY_BOUND),
+                np.full(len(self.task.extras), self.task.extras_bound),
+            ]
+        ).astype(np.float32)
+        self._bound = bound
+        self.action_space = spaces.Box(-1.0, 1.0, (len(self.task.actions),), np.float32)
+        self.observation_space: spaces.Space[Any]
+        if obs == "keypoints":
+            self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
+        else:
+            limit = np.repeat(np.float32([POSITION_BOUND, VELOCITY_BOUND]), 3)
+            mesh = np.broadcast_to(limit[:, None, None], (6, *self.scene.grid.shape))
+            extras = bound[-len(self.task.extras) :]
+            self.observation_space = spaces.Dict(
+                {
+                    "mesh": spaces.Box(-mesh, mesh, dtype=np.float32),
+                    "task": spaces.Box(-extras, extras, dtype=np.float32),
+                }
+            )
+
+    @property
+    def state(self) -> State:
+        if self.episode is None:
+            raise RuntimeError("there is no cloth yet: call reset() first")
+        return self.episode.state
+
+    def reset(self, rngs: Mapping[int, np.random.Generator]) -> None:
+        """Start new episodes for the environments named by the keys, each drawing from its own generator."""
+        which = sorted(rngs)
+        starts: list[Start] = []
+        for i in which:
+            rng = self.rngs[i] = rngs[i]
+            changes = {name: float(rng.uniform(lo, hi)) for name, (lo, hi) in self.ranges.items()}
+            self.materials[i] = self.scene.material.with_changes(**changes)
+            starts.append(self.task.start(rng))
+        state = State.still(
+            np.stack([s.positions for s in starts]).astype(np.float32),
+            np.stack([s.colliders for s in starts]).astype(np.float32),
+        )
+        state.velocities[:] = [s.velocities for s in starts]
+        memory = {name: np.stack([s.memory[name] for s in starts]) for name in starts[0].memory}
+        self._place(which, state, memory)
+        self.frames[which] = 0
+
+    def _place(self, which: Sequence[int], state: State, memory: dict[str, np.ndarray]) -> None:
+        materials = [self.materials[i] for i in which]
+        if self.episode is None:
+            if len(which) < self.num_envs:
+                raise RuntimeError("the first reset must start every environment")
+            self.backend.reset(state, materials)
+            self.episode = Episode(self.backend.state, memory, np.zeros((self.num_envs, len(self.task.actions))))
+            return
+        self.backend.reset(state, materials, which)
+        self.episode.state = self.backend.state
+        for name, values in memory.items():
+            self.episode.memory[name][which] = values
+
+    def set_positions(self, positions: np.ndarray, velocities: np.ndarray | None = None, which: int = 0) -> None:
+        """Place one cloth, ``(3, H, W)`` [m] and [m/s]; goals, bodies and time stay.
+
+        Raises:
+            ValueError: wrong shape or values that are not finite; the state is unchanged.
+        """
+        state = self.state.select([which])
+        parts = {"positions": positions, "velocities": np.zeros_like(positions) if velocities is None else velocities}
+        for name, value in parts.items():
+            target, given = getattr(state, name)[0], np.asarray(value)
+            if given.shape != target.shape or not np.isfinite(given).all():
+                raise ValueError(f"{name} must be finite and of shape {target.shape}, got {given.shape}")
+            target[:] = given
+        self._place([which], state, {})
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, list[str | None]]:
+        """One frame. Returns rewards ``(B,)`` in [0, 1] and, per environment, why it failed or None.
+
+        A failed environment is put back to its last good state.
+
+        Raises:
+            ValueError: actions of the wrong shape or not finite; nothing has moved then.
+        """
+        before = self.state
+        assert self.episode is not None
+        actions = np.asarray(actions, np.float64)
+        expected = (self.num_envs, len(self.task.actions))
+        if actions.shape != expected:
+            raise ValueError(
+                f"action has shape {actions.shape[1:]}, expected {expected[1:]}: {', '.join(self.task.actions)}"
+            )
+        if not np.isfinite(actions).all():
+            raise ValueError("action holds NaN or infinity; the state is unchanged, pass numbers in [-1, 1]")
+        episode = self.episode
+        episode.action = np.minimum(np.maximum(actions, -1.0), 1.0)
+        episode.state = self.backend.advance(self.task.controls(episode))
+        self.frames += 1
+        reasons = self.failures.check(before, episode.state)
+        failed = [i for i, reason in enumerate(reasons) if reason]
+        if failed:
+            good = before.select(failed)
+            good.time[:] = episode.state.time[failed]
+            self.backend.reset(good, [self.materials[i] for i in failed], failed)
+            episode.state = self.backend.state
+        rewards = self.task.reward(episode)
+        if failed:
+            rewards[failed] = 0.0
+        return rewards, reasons
+
+    def observe(self) -> Any:
+        """Observations of the batch, freshly allocated, in ``observation_space`` with a leading axis."""
+        state, episode = self.state, self.episode
+        assert episode is not None
+        extras = self.task.observe(episode)
+        if self.obs == "mesh":
+            mesh = np.concatenate([state.positions, state.velocities], 1)
+            space = self.observation_space["mesh"]  # type: ignore[index]
+            np.clip(mesh, space.low, space.high, out=mesh)
+            limit = self.task.extras_bound
+            return {"mesh": mesh, "task": np.clip(extras, -limit, limit).astype(np.float32)}
+        n, keypoints = self.num_envs, self.task.keypoints
+        out = np.empty((n, len(self._bound)), np.float32)
+        k = 3 * len(keypoints)
+        flat = state.positions.reshape(n, 3, -1)
+        np.take(flat, keypoints, axis=2, out=out[:, :k].reshape(n, 3, -1), mode="clip")
+        np.take(state.velocities.reshape(n, 3, -1), keypoints, axis=2, out=out[:, k : 2 * k].reshape(n, 3, -1), mode="clip")
+        out[:, 2 * k :] = extras
+        return np.minimum(np.maximum(out, -self._bound, out=out), self._bound, out=out)
+
+    def get_state(self) -> dict[str, np.ndarray]:
+        """Everything that decides the future, as arrays: save with ``numpy.savez(file, **state)``."""
+        state, episode = self.state, self.episode
+        assert episode is not None
+        saved = {f"state.{name}": value.copy() for name, value in state.arrays().items()}
+        saved |= {f"memory.{name}": value.copy() for name, value in episode.memory.items()}
+        saved["frames"] = self.frames.copy()
+        saved["materials"] = np.array([[getattr(m, p) for p in PROPERTIES] for m in self.materials])
+        saved["rng"] = np.array([json.dumps(rng.bit_generator.state if rng else None) for rng in self.rngs])
+        return saved
+
+    def set_state(self, saved: Mapping[str, np.ndarray]) -> None:
+        """Continue from what ``get_state`` gave, bit for bit on the same backend.
+
+        Another backend continues from the same positions, velocities, bodies, goals and generators.
+
+        Raises:
+            ValueError: the state belongs to another scene, resolution or number of environments.
+        """
+        parts = {name: np.asarray(value) for name, value in saved.items()}
+        shape = (self.num_envs, 3, *self.scene.grid.shape)
+        found = parts["state.positions"].shape if "state.positions" in parts else None
+        if found != shape or parts["state.colliders"].shape[1] != len(self.scene.colliders):
+            raise ValueError(
+                f"this state has positions of shape {found}, the environment {shape}: "
+                "set it in an environment of the same scene, resolution and num_envs"
+            )
+        self.materials = [Material(**dict(zip(PROPERTIES, row, strict=True))) for row in parts["materials"].tolist()]
+        self.frames = parts["frames"].copy()
+        for i, text in enumerate(parts["rng"].tolist()):
+            content = json.loads(text)
+            if content is not None:
+                generator = np.random.Generator(getattr(np.random, content["bit_generator"])())
+                generator.bit_generator.state = content
+                self.rngs[i] = generator
+        state = State(**{n.split(".")[1]: a for n, a in parts.items() if n.startswith("state.")})
+        memory = {n.split(".")[1]: a.copy() for n, a in parts.items() if n.startswith("memory.")}
+        self._place(list(range(self.num_envs)), state, memory)
+
+
+def _check_ranges(randomize: Mapping[str, Sequence[float]] | None) -> dict[str, tuple[float, float]]:
+    ranges = {}
+    for name, limits in (randomize or {}).items():
+        if name not in PROPERTIES:
+            raise unknown_name("material property in randomize", name, PROPERTIES)
+        if not isinstance(limits, Sequence) or len(limits) != 2 or not limits[0] <= limits[1]:
+            raise ValueError(f"randomize[{name!r}] must be (low, high) with low <= high, got {limits!r}")
+        for value in limits:
+            Material().with_changes(**{name: value})
+        ranges[name] = (float(limits[0]), float(limits[1]))
+    return ranges
+
+
+def _check_resolution(resolution: Sequence[int] | None, default: tuple[int, int]) -> tuple[int, int]:
+    if resolution is None:
+        return default
+    shape = tuple(resolution) if isinstance(resolution, Sequence) else ()
+    if len(shape) != 2 or not all(isinstance(n, (int, np.integer)) for n in shape):
+        raise ValueError(f"resolution must be two whole numbers (rows, cols), got {resolution!r}")
+    return int(shape[0]), int(shape[1])
