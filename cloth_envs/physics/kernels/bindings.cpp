@@ -82,7 +82,8 @@ void bind_solver(nb::module_& m, const char* name) {
              double frame_dt, double gravity, double thickness, double wind_normal, double wind_tangential, bool wind,
              bool pressure, std::vector<int> handles, const std::vector<std::string>& kinds,
              const std::vector<double>& radii, const std::vector<double>& frictions) {
-            World world{frame_dt, gravity, thickness, wind_normal, wind_tangential, wind, pressure, std::move(handles), {}};
+            World world{frame_dt, gravity,  thickness,          wind_normal, wind_tangential,
+                        wind,     pressure, std::move(handles), {}};
             for (std::size_t i = 0; i < kinds.size(); ++i)
               world.bodies.push_back({kinds[i] == "plane", radii.at(i), frictions.at(i)});
             for (int h : world.handles) need(h >= 0 && h < rows * cols, "a handle is not a vertex of the grid");

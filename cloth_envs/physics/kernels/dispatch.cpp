@@ -3,10 +3,10 @@
 
 namespace minicloth {
 
-#define DECLARE(name)                    \
-  namespace name {                       \
-  const Lanes<float>& lanes(float);      \
-  const Lanes<double>& lanes(double);    \
+#define DECLARE(name)                 \
+  namespace name {                    \
+  const Lanes<float>& lanes(float);   \
+  const Lanes<double>& lanes(double); \
   }
 DECLARE(baseline)
 #ifdef MINICLOTH_X86_LEVELS

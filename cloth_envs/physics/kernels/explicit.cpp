@@ -32,25 +32,29 @@ struct Cubic {
   }
 };
 
-// Two states (the step reads one and writes the other) and the forces of the air, in one allocation.
+// Two states (the step reads one and writes the other), the forces of the air and of the edges.
 template <class T>
 struct Workspace {
   std::vector<T> memory;
   Planes<T> now, next;
   Triangles<T> air;
-  void prepare(std::size_t size) {
-    memory.assign(18 * size + 16, T(0));
+  Edges<T> edges;
+  void prepare(const Geometry<T>& g) {
+    memory.assign(27 * g.size + kBlock, T(0));
     T* p = memory.data();
     p += (64 - reinterpret_cast<std::uintptr_t>(p) % 64) % 64 / sizeof(T);
-    const auto take = [&] { return std::exchange(p, p + size); };
-    for (Planes<T>* s : {&now, &next}) *s = {take(), take(), take(), take(), take(), take()};
-    for (int k = 0; k < 3; ++k) air.lower[k] = take(), air.upper[k] = take();
+    const auto take = [&](auto& planes, std::size_t size) {
+      for (T*& plane : planes) plane = std::exchange(p, p + size);
+    };
+    for (auto* s : {&now, &next}) take(s->x, g.size), take(s->v, g.size);
+    take(air.lower, g.size), take(air.upper, g.size);
+    for (auto* e : {&edges.down, &edges.right, &edges.left}) take(*e, g.size);
   }
 };
 
 template <class T>
 void wrap(const Geometry<T>& g, const Planes<T>& s) {
-  for (T* plane : {s.x, s.y, s.z, s.vx, s.vy, s.vz})
+  for (T* plane : {s.x[0], s.x[1], s.x[2], s.v[0], s.v[1], s.v[2]})
     for (int r = 0; r < g.rows; ++r) {
       T* row = plane + g.at(r, 0);
       for (int k = 1; k <= kGhost; ++k) row[-k] = row[g.cols - k], row[g.cols + k - 1] = row[k - 1];
@@ -65,14 +69,13 @@ void Explicit<T>::advance(const Frame<T>& f) const {
   const World& w = world_;
   const Lanes<T>& lanes = best_lanes<T>();
   thread_local Workspace<T> work;
-  work.prepare(g.size);
+  work.prepare(g);
   Planes<T> now = work.now, next = work.next;
 
   const int n = g.rows * g.cols;
   const auto each_row = [&](const Planes<T>& s, auto copy) {
-    T* const planes[] = {s.x, s.y, s.z, s.vx, s.vy, s.vz};
     for (int k = 0; k < 6; ++k)
-      for (int r = 0; r < g.rows; ++r) copy(planes[k] + g.at(r, 0), k, r * g.cols);
+      for (int r = 0; r < g.rows; ++r) copy((k < 3 ? s.x[k] : s.v[k - 3]) + g.at(r, 0), k, r * g.cols);
   };
   each_row(now, [&](T* row, int k, int i) { std::copy_n((k < 3 ? f.x + k * n : f.v + (k - 3) * n) + i, g.cols, row); });
   if (g.periodic) wrap(g, now);
@@ -81,10 +84,10 @@ void Explicit<T>::advance(const Frame<T>& f) const {
   // Drag is integrated exactly: dv/dt = a - drag v over a substep with a constant.
   const double decay = std::exp(-f.sheet.drag * dt);
   const double lag = f.sheet.drag > 0 ? -std::expm1(-f.sheet.drag * dt) / f.sheet.drag : dt;
-  const StepTerms<T> terms{T(f.sheet.stretch), T(f.sheet.shear), T(f.sheet.bend), T(f.sheet.damping),
-                           T(lag / f.sheet.density), T(decay), T(dt), T(lag * w.gravity)};
-  const AirTerms<T> blow{T(w.wind_normal / 4), T(w.wind_tangential / 4), T(f.pressure),
-                         {T(f.wind[0]), T(f.wind[1]), T(f.wind[2])}};
+  const StepTerms<T> terms{T(f.sheet.stretch),       T(f.sheet.shear), T(f.sheet.bend), T(f.sheet.damping),
+                           T(lag / f.sheet.density), T(decay),         T(dt),           T(lag * w.gravity)};
+  const AirTerms<T> blow{
+      T(w.wind_normal / 4), T(w.wind_tangential / 4), T(f.pressure), {T(f.wind[0]), T(f.wind[1]), T(f.wind[2])}};
   const bool air = w.wind || w.pressure;
   const auto step = lanes.step[f.sheet.damping > 0][f.sheet.bend > 0][air];
 
@@ -100,7 +103,7 @@ void Explicit<T>::advance(const Frame<T>& f) const {
   for (int k = 0; k < f.substeps; ++k) {
     const double s0 = double(k) / f.substeps, s1 = double(k + 1) / f.substeps;
     if (air) lanes.air[w.wind](g, blow, now, work.air);
-    step(g, terms, now, next, &work.air);
+    step(g, terms, now, next, work.air, work.edges);
     for (std::size_t b = 0; b < w.bodies.size(); ++b) {
       BodyStep<T> body;
       body.plane = w.bodies[b].plane, body.friction = T(w.bodies[b].friction);
@@ -115,14 +118,15 @@ void Explicit<T>::advance(const Frame<T>& f) const {
     for (std::size_t h = 0; h < w.handles.size(); ++h) {
       const int i = g.at(w.handles[h] / g.cols, w.handles[h] % g.cols);
       const Cubic* path = &handles[3 * h];
-      next.x[i] = T(path[0].position(s1)), next.vx[i] = T(path[0].velocity(s1) / frame_dt);
-      next.y[i] = T(path[1].position(s1)), next.vy[i] = T(path[1].velocity(s1) / frame_dt);
-      next.z[i] = T(path[2].position(s1)), next.vz[i] = T(path[2].velocity(s1) / frame_dt);
+      for (int c = 0; c < 3; ++c)
+        next.x[c][i] = T(path[c].position(s1)), next.v[c][i] = T(path[c].velocity(s1) / frame_dt);
     }
     if (g.periodic) wrap(g, next);
     std::swap(now, next);
   }
-  each_row(now, [&](T* row, int k, int i) { std::copy_n(row, g.cols, (k < 3 ? f.x_out + k * n : f.v_out + (k - 3) * n) + i); });
+  each_row(now, [&](T* row, int k, int i) {
+    std::copy_n(row, g.cols, (k < 3 ? f.x_out + k * n : f.v_out + (k - 3) * n) + i);
+  });
 }
 
 template <class T>

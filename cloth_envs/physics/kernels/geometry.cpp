@@ -1,15 +1,21 @@
 #include "geometry.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 namespace minicloth {
 
 template <class T>
 Geometry<T>::Geometry(int rows_, int cols_, double a, double b, bool periodic_)
-    : rows(rows_), cols(cols_), stride(cols_ + (periodic_ ? 2 * kGhost : kGhost)), periodic(periodic_),
-      row_length(T(a)), col_length(T(b)), diagonal(T(std::hypot(a, b))) {
-  begin = at(0, 0);
-  end = begin + ((rows - 1) * stride + cols + kBlock - 1) / kBlock * kBlock;
+    : rows(rows_),
+      cols(cols_),
+      stride(std::max(cols_ + (periodic_ ? 2 * kGhost : kGhost), kBlock + 2)),
+      periodic(periodic_),
+      row_length(T(a)),
+      col_length(T(b)),
+      diagonal(T(std::hypot(a, b))) {
+  begin = at(0, periodic ? -kGhost : 0);
+  end = begin + (at(rows - 1, cols) - begin + kBlock - 1) / kBlock * kBlock;
   size = std::size_t((rows + 2 * kGhost) * stride + 2 * kLead + kBlock + kBlock - 1) / kBlock * kBlock;
   for (auto* v : {&along, &down, &right, &left, &along_near, &down_near, &along_far, &down_far, &inverse_area, &cell})
     v->assign(size, T(0));

@@ -9,8 +9,8 @@ namespace minicloth {
 // least two ghost columns between rows, so that a neighbour up to distance two is a constant offset.
 // Edges that do not exist have weight 0, which makes masks unnecessary.
 constexpr int kGhost = 2;
-constexpr int kLead = 16;    // keeps negative offsets inside the buffer
-constexpr int kBlock = 16;   // loops run over whole blocks, the tail lies in ghosts
+constexpr int kLead = 16;   // keeps negative offsets inside the buffer
+constexpr int kBlock = 16;  // loops run over whole blocks, the tail lies in ghosts; a row is longer than one
 
 template <class T>
 struct Geometry {

@@ -1,7 +1,7 @@
-// Compiled with -ffast-math and once per instruction set (LANES names the namespace).
+// Compiled once per instruction set; LANES names the namespace.
 #include "lanes.hpp"
 
-#include <cmath>
+#include "simd.hpp"
 
 namespace minicloth {
 namespace LANES {
@@ -10,119 +10,115 @@ namespace {
 template <class T>
 constexpr T tiny = T(1e-20);  // keeps ghosts, which all lie at the origin, finite
 
-// Forces are gathered per vertex: an edge is evaluated from both ends by the same operations, so the
-// two forces are equal and opposite to the last bit, and no array is written twice.
+template <class T>
+inline V3<T> at(T* const (&planes)[3], int i) {
+  return {load<T>(planes[0] + i), load<T>(planes[1] + i), load<T>(planes[2] + i)};
+}
+template <class T>
+inline void put(T* const (&planes)[3], int i, const V3<T>& v) {
+  store<T>(planes[0] + i, v.x), store<T>(planes[1] + i, v.y), store<T>(planes[2] + i, v.z);
+}
+
+// One substep. Every edge is evaluated once, by f = k (1 - L/|d|) d + c (d.w)/|d|^2 d with c = damping * k
+// and the share of quadratic bending that lies on it, at the vertex that it leaves towards column + 1,
+// row + 1 or a diagonal. It arrives one lane later (along) or about a row later, through memory.
 template <class T, bool kDamping, bool kBending, bool kAir>
 void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, const Planes<T>& out,
-          const Triangles<T>* air) {
-  const T *__restrict x = in.x, *__restrict y = in.y, *__restrict z = in.z;
-  const T *__restrict vx = in.vx, *__restrict vy = in.vy, *__restrict vz = in.vz;
-  T *__restrict ox = out.x, *__restrict oy = out.y, *__restrict oz = out.z;
-  T *__restrict ovx = out.vx, *__restrict ovy = out.vy, *__restrict ovz = out.vz;
-  const T *along = g.along.data(), *down = g.down.data(), *right = g.right.data(), *left = g.left.data();
-  const T *along_near = g.along_near.data(), *down_near = g.down_near.data();
-  const T *along_far = g.along_far.data(), *down_far = g.down_far.data(), *inverse_area = g.inverse_area.data();
+          const Triangles<T>& air, const Edges<T>& edges) {
   const int s = g.stride;
   const T stretch = p.stretch, shear = p.shear, bend = p.bend, damping = p.damping;
   const T col_length = g.col_length, row_length = g.row_length, diagonal = g.diagonal;
+  const T *along = g.along.data(), *down = g.down.data(), *right = g.right.data(), *left = g.left.data();
+  const T *along_near = g.along_near.data(), *down_near = g.down_near.data();
+  const T *along_far = g.along_far.data(), *down_far = g.down_far.data(), *inverse_area = g.inverse_area.data();
+  const T accelerate = p.accelerate, decay = p.decay, dt = p.dt, gravity_kick = p.gravity_kick;
+  V3<T> previous = {};
 
-#pragma GCC ivdep
-  for (int i = g.begin; i < g.end; ++i) {
-    const T px = x[i], py = y[i], pz = z[i], qx = vx[i], qy = vy[i], qz = vz[i];
-    T fx = 0, fy = 0, fz = 0;
-    // f = k (1 - L/|d|) d + c (d.w)/|d|^2 d, with c = damping * k.
-    const auto edge = [&](int j, T k, T length, T linear) __attribute__((always_inline)) {
-      const T dx = x[j] - px, dy = y[j] - py, dz = z[j] - pz;
-      const T inverse = 1 / std::sqrt(dx * dx + (dy * dy + (dz * dz + tiny<T>)));
-      T pull = 1 - length * inverse;
-      if constexpr (kDamping) {
-        const T rate = dx * (vx[j] - qx) + (dy * (vy[j] - qy) + dz * (vz[j] - qz));
-        pull += damping * rate * (inverse * inverse);
-      }
-      const T scale = k * pull + linear;
-      fx += scale * dx, fy += scale * dy, fz += scale * dz;
+  for (int i = g.begin; i < g.end; i += kLanes<T>) {
+    const V3<T> x = at(in.x, i), v = at(in.v, i);
+    const auto edge = [&](int j, const V<T>& k, T length, const V<T>& linear) __attribute__((always_inline)) {
+      const V3<T> d = at(in.x, j) - x;
+      const V<T> inverse = rsqrt(d.x * d.x + (d.y * d.y + (d.z * d.z + tiny<T>)));
+      V<T> pull = T(1) - length * inverse;
+      if constexpr (kDamping) pull += (damping * dot(d, at(in.v, j) - v)) * (inverse * inverse);
+      return (k * pull + linear) * d;
     };
-    const auto far = [&](int j, T k) __attribute__((always_inline)) { fx += k * (x[j] - px), fy += k * (y[j] - py), fz += k * (z[j] - pz); };
-    const T none = 0;
-    edge(i + 1, stretch * along[i], col_length, kBending ? bend * along_near[i] : none);
-    edge(i - 1, stretch * along[i - 1], col_length, kBending ? bend * along_near[i - 1] : none);
-    edge(i + s, stretch * down[i], row_length, kBending ? bend * down_near[i] : none);
-    edge(i - s, stretch * down[i - s], row_length, kBending ? bend * down_near[i - s] : none);
-    edge(i + s + 1, shear * right[i], diagonal, none);
-    edge(i - s - 1, shear * right[i - s - 1], diagonal, none);
-    edge(i + s - 1, shear * left[i], diagonal, none);
-    edge(i - s + 1, shear * left[i - s + 1], diagonal, none);
+    const V<T> none = {};
+    const auto east = edge(i + 1, stretch * load(along + i), col_length, kBending ? bend * load(along_near + i) : none);
+    V3<T> f = east - V3<T>{late(previous.x, east.x), late(previous.y, east.y), late(previous.z, east.z)};
+    previous = east;
+    const auto south = edge(i + s, stretch * load(down + i), row_length, kBending ? bend * load(down_near + i) : none);
+    put(edges.down, i, south);
+    f = f + (south - at(edges.down, i - s));
+    const auto south_east = edge(i + s + 1, shear * load(right + i), diagonal, none);
+    put(edges.right, i, south_east);
+    f = f + (south_east - at(edges.right, i - s - 1));
+    const auto south_west = edge(i + s - 1, shear * load(left + i), diagonal, none);
+    put(edges.left, i, south_west);
+    f = f + (south_west - at(edges.left, i - s + 1));
     if constexpr (kBending) {
-      far(i + 2, bend * along_far[i]);
-      far(i - 2, bend * along_far[i - 2]);
-      far(i + 2 * s, bend * down_far[i]);
-      far(i - 2 * s, bend * down_far[i - 2 * s]);
+      const auto far = [&](int j, const T* weight)
+                           __attribute__((always_inline)) { return load(weight) * (at(in.x, j) - x); };
+      const V<T> b = none + bend;
+      f = f + b * ((far(i + 2, along_far + i) + far(i - 2, along_far + i - 2)) +
+                   (far(i + 2 * s, down_far + i) + far(i - 2 * s, down_far + i - 2 * s)));
     }
-    if constexpr (kAir) {
-      const auto share = [&](int k) __attribute__((always_inline)) {
-        return air->lower[k][i] + air->upper[k][i] + air->lower[k][i - s - 1] + air->upper[k][i - s - 1] +
-               air->lower[k][i - s] + air->upper[k][i - 1];
-      };
-      fx += share(0), fy += share(1), fz += share(2);
-    }
-    const T kick = p.accelerate * inverse_area[i];
-    const T ux = p.decay * qx + kick * fx, uy = p.decay * qy + kick * fy;
-    const T uz = p.decay * qz + kick * fz - p.gravity_kick;
-    ovx[i] = ux, ovy[i] = uy, ovz[i] = uz;
-    ox[i] = px + p.dt * ux, oy[i] = py + p.dt * uy, oz[i] = pz + p.dt * uz;
+    if constexpr (kAir)
+      f = f + (((at(air.lower, i) + at(air.upper, i)) + (at(air.lower, i - s - 1) + at(air.upper, i - s - 1))) +
+               (at(air.lower, i - s) + at(air.upper, i - 1)));
+    const V<T> kick = accelerate * load(inverse_area + i);
+    const V3<T> u = {decay * v.x + kick * f.x, decay * v.y + kick * f.y, decay * v.z + (kick * f.z - gravity_kick)};
+    put(out.v, i, u);
+    put(out.x, i, V3<T>{x.x + dt * u.x, x.y + dt * u.y, x.z + dt * u.z});
   }
 }
 
 // Wind (Wejchert & Haumann 1991) and pressure on the two triangles of each cell.
 template <class T, bool kWind>
 void air(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Triangles<T>& out) {
-  const T *__restrict x = in.x, *__restrict y = in.y, *__restrict z = in.z;
-  const T *__restrict vx = in.vx, *__restrict vy = in.vy, *__restrict vz = in.vz;
-  const T* __restrict cell = g.cell.data();
   const int s = g.stride;
-  // A triangle's normal is half the cross product n of its sides; each vertex takes a third.
-  const auto triangle = [&](int i, int j, int k, T *__restrict fx, T *__restrict fy, T *__restrict fz) __attribute__((always_inline)) {
-    const T ax = x[j] - x[i], ay = y[j] - y[i], az = z[j] - z[i];
-    const T bx = x[k] - x[i], by = y[k] - y[i], bz = z[k] - z[i];
-    const T nx = ay * bz - az * by, ny = az * bx - ax * bz, nz = ax * by - ay * bx;
-    T along = p.pressure / 2, tx = 0, ty = 0, tz = 0;
-    if constexpr (kWind) {
-      const T ux = (vx[i] + vx[j] + vx[k]) / 3 - p.wind[0];
-      const T uy = (vy[i] + vy[j] + vy[k]) / 3 - p.wind[1];
-      const T uz = (vz[i] + vz[j] + vz[k]) / 3 - p.wind[2];
-      const T square = nx * nx + ny * ny + nz * nz + T(1e-30);
-      const T inverse = 1 / std::sqrt(square);
-      const T through = (nx * ux + ny * uy + nz * uz) * inverse;  // normal speed
-      const T turn = through * inverse;
-      tx = ux - turn * nx, ty = uy - turn * ny, tz = uz - turn * nz;
-      const T slide = p.tangential * square * inverse * std::sqrt(tx * tx + ty * ty + tz * tz);
-      tx *= slide, ty *= slide, tz *= slide;
-      along -= p.normal * std::abs(through) * through;
-    }
-    const T share = cell[i] / 3;
-    fx[i] = share * (along * nx - tx), fy[i] = share * (along * ny - ty), fz[i] = share * (along * nz - tz);
-  };
-#pragma GCC ivdep
-  for (int i = g.begin; i < g.end; ++i) triangle(i, i + s, i + s + 1, out.lower[0], out.lower[1], out.lower[2]);
-#pragma GCC ivdep
-  for (int i = g.begin; i < g.end; ++i) {
-    // Vertices i, i + s + 1, i + 1; written at the cell's upper left corner i.
-    triangle(i, i + s + 1, i + 1, out.upper[0], out.upper[1], out.upper[2]);
+  const T* cell = g.cell.data();
+  const V3<T> wind = {V<T>{} + p.wind[0], V<T>{} + p.wind[1], V<T>{} + p.wind[2]};
+  for (int i = g.begin; i < g.end; i += kLanes<T>) {
+    const V3<T> x = at(in.x, i), diagonal = at(in.x, i + s + 1) - x;
+    V3<T> v, w;  // upper left velocity, and with the lower right one added, less three times the wind
+    if constexpr (kWind) v = at(in.v, i), w = v + at(in.v, i + s + 1);
+    const V<T> share = load(cell + i) / T(3);
+    // n is the cross product of two sides, twice the area vector; each vertex takes a third of the force.
+    const auto force = [&](const V3<T>& n, int j) __attribute__((always_inline)) {
+      V<T> along = V<T>{} + p.pressure / 2;
+      if constexpr (kWind) {
+        const V<T> third = V<T>{} + T(1) / T(3);
+        const V3<T> u = third * (w + at(in.v, j)) - wind;
+        const V<T> square = dot(n, n) + T(1e-30), inverse = rsqrt(square);
+        const V<T> through = dot(n, u) * inverse;  // normal speed
+        const V3<T> slide = u - (through * inverse) * n;
+        const V<T> slide2 = dot(slide, slide) + T(1e-30);
+        const V<T> drag = p.tangential * (square * inverse) * (slide2 * rsqrt(slide2));
+        along -= p.normal * (through < T(0) ? -through : through) * through;
+        return share * (along * n - drag * slide);
+      } else {
+        return share * (along * n);
+      }
+    };
+    put(out.lower, i, force(cross(at(in.x, i + s) - x, diagonal), i + s));
+    put(out.upper, i, force(cross(diagonal, at(in.x, i + 1) - x), i + 1));
   }
 }
 
+// How far along a body's axis, from 0 to 1, the point nearest to q lies; and that point.
 template <class T>
-struct Vec {
-  T x, y, z;
-};
-
-// The point of a body's axis nearest to q, and how far along the axis it lies.
+inline V<T> nearest(const T (&ends)[2][3], const V3<T>& q) {
+  const T a[3] = {ends[1][0] - ends[0][0], ends[1][1] - ends[0][1], ends[1][2] - ends[0][2]};
+  const T length2 = a[0] * a[0] + a[1] * a[1] + a[2] * a[2];
+  if (length2 == 0) return V<T>{};
+  const V<T> t = ((q.x - ends[0][0]) * a[0] + (q.y - ends[0][1]) * a[1] + (q.z - ends[0][2]) * a[2]) / length2;
+  return t < T(0) ? V<T>{} : (t > T(1) ? V<T>{} + T(1) : t);
+}
 template <class T>
-inline Vec<T> nearest(const T (&ends)[2][3], T length2, Vec<T> q) {
-  const T ax = ends[1][0] - ends[0][0], ay = ends[1][1] - ends[0][1], az = ends[1][2] - ends[0][2];
-  T t = ((q.x - ends[0][0]) * ax + (q.y - ends[0][1]) * ay + (q.z - ends[0][2]) * az) / length2;
-  t = t < 0 ? T(0) : (t > 1 ? T(1) : t);
-  return {ends[0][0] + t * ax, ends[0][1] + t * ay, ends[0][2] + t * az};
+inline V3<T> axis_point(const T (&ends)[2][3], const V<T>& t) {
+  return {ends[0][0] + t * (ends[1][0] - ends[0][0]), ends[0][1] + t * (ends[1][1] - ends[0][1]),
+          ends[0][2] + t * (ends[1][2] - ends[0][2])};
 }
 
 // Swept contact with Coulomb friction. In the body's frame a vertex goes from p0 to p1; where it would
@@ -130,78 +126,51 @@ inline Vec<T> nearest(const T (&ends)[2][3], T length2, Vec<T> q) {
 // mu times the normal change of velocity from the sliding speed.
 template <class T>
 void contact(const Geometry<T>& g, const BodyStep<T>& b, const Planes<T>& in, const Planes<T>& out) {
-  const T *__restrict x = in.x, *__restrict y = in.y, *__restrict z = in.z;
-  T *__restrict ox = out.x, *__restrict oy = out.y, *__restrict oz = out.z;
-  T *__restrict vx = out.vx, *__restrict vy = out.vy, *__restrict vz = out.vz;
-  const T radius = b.radius, radius2 = radius * radius, rate = 1 / b.dt;
-  T length2 = tiny<T>;
-  for (int k = 0; k < 3; ++k) length2 += (b.before[1][k] - b.before[0][k]) * (b.before[1][k] - b.before[0][k]);
-  const bool plane = b.plane;
-  const T flat[3] = {b.after[1][0], b.after[1][1], b.after[1][2]};
-
-  for (int r = 0; r < g.rows; ++r) {
-    const int first = g.at(r, 0), last = first + g.cols;
-    // Could anything in this row touch? Compare the nearest distance with the longest way gone.
-    T reach = T(1e30);
-    for (int i = first; i < last; ++i) {
-      T gap;
-      if (plane) {
-        gap = (ox[i] - b.after[0][0]) * flat[0] + (oy[i] - b.after[0][1]) * flat[1] +
-              (oz[i] - b.after[0][2]) * flat[2] - radius;
-      } else {
-        const Vec<T> c0 = nearest(b.before, length2, Vec<T>{x[i], y[i], z[i]});
-        const Vec<T> c1 = nearest(b.after, length2, Vec<T>{ox[i], oy[i], oz[i]});
-        const T ax = x[i] - c0.x, ay = y[i] - c0.y, az = z[i] - c0.z;
-        const T px = ox[i] - c1.x, py = oy[i] - c1.y, pz = oz[i] - c1.z;
-        const T way = (px - ax) * (px - ax) + (py - ay) * (py - ay) + (pz - az) * (pz - az);
-        gap = std::sqrt(px * px + py * py + pz * pz) - std::sqrt(way) - radius;
-      }
-      reach = gap < reach ? gap : reach;
+  const T radius = b.radius, radius2 = radius * radius, rate = T(1) / b.dt, dt = b.dt, friction = b.friction;
+  const V<T> zero = {}, one = zero + T(1);
+  for (int i = g.begin; i < g.end; i += kLanes<T>) {
+    const V3<T> x1 = at(out.x, i);
+    V3<T> n, body;
+    V<T> gap;
+    auto touching = zero < zero;
+    if (b.plane) {
+      n = {zero + b.after[1][0], zero + b.after[1][1], zero + b.after[1][2]};
+      const V3<T> point = {zero + b.after[0][0], zero + b.after[0][1], zero + b.after[0][2]};
+      gap = dot(n, x1 - point) - radius;
+      touching = gap < T(0);
+      body = {zero + (b.after[0][0] - b.before[0][0]) * rate, zero + (b.after[0][1] - b.before[0][1]) * rate,
+              zero + (b.after[0][2] - b.before[0][2]) * rate};
+    } else {
+      const V3<T> x0 = at(in.x, i);
+      const V<T> t1 = nearest(b.after, x1);
+      const V3<T> c0 = axis_point(b.before, nearest(b.before, x0)), c1 = axis_point(b.after, t1);
+      const V3<T> p0 = x0 - c0, p1 = x1 - c1, d = p1 - p0;
+      const V<T> start2 = dot(p0, p0), outside = start2 - radius2, along = dot(p0, d);
+      const V<T> disc = along * along - dot(d, d) * outside;
+      const auto inside = outside < T(0);
+      const V<T> safe = disc > T(0) ? disc : zero;
+      const V<T> time = outside / (safe * rsqrt(safe + T(1e-30)) - along + tiny<T>);
+      const auto enters = (along < T(0)) & (disc > T(0)) & (time <= T(1)) & (outside >= T(0));
+      const V<T> way = enters ? time : zero;
+      const V<T> scale = inside ? rsqrt(start2 + tiny<T>) : one / radius;
+      n = scale * (p0 + way * d);
+      gap = dot(n, p1) - radius;
+      touching = (inside | enters) & (gap < T(0));
+      const V<T> r = zero + rate;
+      body = r * (c1 - axis_point(b.before, t1));
     }
-    if (reach > 0) continue;
-
-#pragma GCC ivdep
-    for (int i = first; i < last; ++i) {
-      T nx, ny, nz, gap, bx, by, bz;
-      bool touching;
-      if (plane) {
-        nx = flat[0], ny = flat[1], nz = flat[2];
-        gap = (ox[i] - b.after[0][0]) * nx + (oy[i] - b.after[0][1]) * ny + (oz[i] - b.after[0][2]) * nz - radius;
-        bx = (b.after[0][0] - b.before[0][0]) * rate, by = (b.after[0][1] - b.before[0][1]) * rate;
-        bz = (b.after[0][2] - b.before[0][2]) * rate;
-        touching = gap < 0;
-      } else {
-        const Vec<T> c0 = nearest(b.before, length2, Vec<T>{x[i], y[i], z[i]});
-        const Vec<T> c1 = nearest(b.after, length2, Vec<T>{ox[i], oy[i], oz[i]});
-        const T ax = x[i] - c0.x, ay = y[i] - c0.y, az = z[i] - c0.z;
-        const T px = ox[i] - c1.x, py = oy[i] - c1.y, pz = oz[i] - c1.z;
-        const T dx = px - ax, dy = py - ay, dz = pz - az;
-        const T start2 = ax * ax + ay * ay + az * az, outside = start2 - radius2;
-        const T along = ax * dx + ay * dy + az * dz;
-        const T disc = along * along - (dx * dx + dy * dy + dz * dz) * outside;
-        const T root = std::sqrt(disc > 0 ? disc : T(0));
-        const T time = outside / (root - along + tiny<T>);
-        const bool inside = outside < 0;
-        const bool enters = along < 0 && disc > 0 && time <= 1;
-        const T way = !inside && enters ? time : T(0);
-        const T scale = inside ? 1 / std::sqrt(start2 + tiny<T>) : 1 / radius;
-        nx = (ax + way * dx) * scale, ny = (ay + way * dy) * scale, nz = (az + way * dz) * scale;
-        gap = nx * px + ny * py + nz * pz - radius;
-        bx = (c1.x - c0.x) * rate, by = (c1.y - c0.y) * rate, bz = (c1.z - c0.z) * rate;
-        touching = (inside || enters) && gap < 0;
-      }
-      const T ux = vx[i] - bx, uy = vy[i] - by, uz = vz[i] - bz;
-      const T un = ux * nx + uy * ny + uz * nz;
-      const T stop = touching && un < 0 ? -un : T(0);  // normal change of velocity
-      const T tx = ux - un * nx, ty = uy - un * ny, tz = uz - un * nz;
-      const T sliding = std::sqrt(tx * tx + ty * ty + tz * tz + tiny<T>);
-      const T held = b.friction * stop / sliding;
-      const T hold = held < 1 ? held : T(1);
-      const T push = touching ? -gap : T(0);
-      vx[i] += stop * nx - hold * tx, vy[i] += stop * ny - hold * ty, vz[i] += stop * nz - hold * tz;
-      ox[i] += push * nx - b.dt * hold * tx, oy[i] += push * ny - b.dt * hold * ty;
-      oz[i] += push * nz - b.dt * hold * tz;
-    }
+    bool any = false;
+    for (int k = 0; k < kLanes<T>; ++k) any |= touching[k] != 0;
+    if (!any) continue;
+    const V3<T> v = at(out.v, i), u = v - body;
+    const V<T> un = dot(u, n);
+    const V<T> stop = touching & (un < T(0)) ? -un : zero;  // normal change of velocity
+    const V3<T> slide = u - un * n;
+    const V<T> held = friction * stop * rsqrt(dot(slide, slide) + tiny<T>);
+    const V<T> hold = held < T(1) ? held : one;
+    const V<T> push = touching ? -gap : zero, back = dt * hold;
+    put(out.v, i, v + (stop * n - hold * slide));
+    put(out.x, i, x1 + (push * n - back * slide));
   }
 }
 

@@ -6,7 +6,7 @@ namespace minicloth {
 
 template <class T>
 struct Planes {  // positions and velocities, padded as Geometry says
-  T *x, *y, *z, *vx, *vy, *vz;
+  T *x[3], *v[3];
 };
 
 template <class T>
@@ -14,9 +14,15 @@ struct Triangles {  // a third of the force on each lower and upper triangle of 
   T *lower[3], *upper[3];
 };
 
+// Forces of the edges that leave every vertex towards row + 1 and both diagonals; 0 before Geometry::begin.
+template <class T>
+struct Edges {
+  T *down[3], *right[3], *left[3];
+};
+
 template <class T>
 struct StepTerms {
-  T stretch, shear, bend, damping;      // N/m, N/m, N m, s
+  T stretch, shear, bend, damping;        // N/m, N/m, N m, s
   T accelerate, decay, dt, gravity_kick;  // force/area -> dv, v factor, s, dv of gravity
 };
 
@@ -28,7 +34,7 @@ struct AirTerms {
 
 template <class T>
 struct BodyStep {  // a body over one substep: two end points of its axis before and after
-  int plane;       // 1: before/after[0] is a point, [1] the unit normal
+  bool plane;      // before/after[0] is a point, [1] the unit normal
   T before[2][3], after[2][3];
   T radius, friction, dt;  // radius includes the thickness
 };
@@ -37,7 +43,7 @@ template <class T>
 struct Lanes {
   // One substep of springs, dampers, bending, gravity, drag and listed triangle forces.
   using Step = void (*)(const Geometry<T>&, const StepTerms<T>&, const Planes<T>& in, const Planes<T>& out,
-                        const Triangles<T>* air);
+                        const Triangles<T>& air, const Edges<T>& edges);
   Step step[2][2][2];  // [damping][bending][air]
   using Air = void (*)(const Geometry<T>&, const AirTerms<T>&, const Planes<T>& in, const Triangles<T>& out);
   Air air[2];  // [wind]; pressure alone needs no velocities

@@ -1,0 +1,120 @@
+// Vectors as wide as the instruction set that this file is compiled for (GCC and Clang vector types).
+#pragma once
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#if defined(__SSE2__)
+#include <immintrin.h>
+#endif
+
+namespace minicloth {
+namespace LANES {
+namespace {
+
+#if defined(__AVX512F__)
+constexpr int kBytes = 64;
+#elif defined(__AVX2__)
+constexpr int kBytes = 32;
+#else
+constexpr int kBytes = 16;
+#endif
+
+template <class T>
+struct Vector;
+template <>
+struct Vector<float> {
+  typedef float type __attribute__((vector_size(kBytes)));
+};
+template <>
+struct Vector<double> {
+  typedef double type __attribute__((vector_size(kBytes)));
+};
+template <class T>
+using V = typename Vector<T>::type;
+template <class T>
+constexpr int kLanes = kBytes / int(sizeof(T));
+
+template <class T>
+inline V<T> load(const T* p) {
+  V<T> v;
+  std::memcpy(&v, p, sizeof v);
+  return v;
+}
+template <class T>
+inline void store(T* p, const V<T>& v) {
+  std::memcpy(p, &v, sizeof v);
+}
+
+// 1 / sqrt(v) for v > 0; float: an estimate and one Newton step, about 1e-7 relative.
+inline V<float> rsqrt(V<float> v) {
+#if defined(__AVX512F__)
+  const V<float> r = (V<float>)_mm512_rsqrt14_ps((__m512)v);
+#elif defined(__AVX2__)
+  const V<float> r = (V<float>)_mm256_rsqrt_ps((__m256)v);
+#elif defined(__SSE2__)
+  const V<float> r = (V<float>)_mm_rsqrt_ps((__m128)v);
+#else
+  V<float> r;
+  for (int k = 0; k < kLanes<float>; ++k) r[k] = 1.0f / std::sqrt(v[k]);
+  return r;
+#endif
+  return r * (1.5f - (0.5f * v) * (r * r));
+}
+inline V<double> rsqrt(V<double> v) {
+#if defined(__AVX512F__)
+  return 1.0 / (V<double>)_mm512_sqrt_pd((__m512d)v);
+#elif defined(__AVX2__)
+  return 1.0 / (V<double>)_mm256_sqrt_pd((__m256d)v);
+#elif defined(__SSE2__)
+  return 1.0 / (V<double>)_mm_sqrt_pd((__m128d)v);
+#else
+  V<double> r;
+  for (int k = 0; k < kLanes<double>; ++k) r[k] = 1.0 / std::sqrt(v[k]);
+  return r;
+#endif
+}
+
+// The lanes of (a, b) one place later: the last of a, then b without its last.
+template <class T>
+inline T late(const T& a, const T& b) {
+  constexpr int n = int(sizeof(a) / sizeof(a[0]));
+#if defined(__clang__)
+  T r;
+  for (int k = 0; k < n; ++k) r[k] = k ? b[k - 1] : a[n - 1];
+  return r;
+#else
+  using Index = decltype(a < b);
+  Index index;
+  for (int k = 0; k < n; ++k) index[k] = n - 1 + k;
+  return __builtin_shuffle(a, b, index);
+#endif
+}
+
+template <class T>
+struct V3 {
+  V<T> x, y, z;
+};
+template <class T>
+inline V3<T> operator-(const V3<T>& a, const V3<T>& b) {
+  return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+template <class T>
+inline V3<T> operator+(const V3<T>& a, const V3<T>& b) {
+  return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+template <class T>
+inline V3<T> operator*(const V<T>& s, const V3<T>& a) {
+  return {s * a.x, s * a.y, s * a.z};
+}
+template <class T>
+inline V<T> dot(const V3<T>& a, const V3<T>& b) {
+  return a.x * b.x + (a.y * b.y + a.z * b.z);
+}
+template <class T>
+inline V3<T> cross(const V3<T>& a, const V3<T>& b) {
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+}  // namespace
+}  // namespace LANES
+}  // namespace minicloth
