@@ -227,8 +227,10 @@ def total_forces(scene: Scene, materials: Materials, state: State, wind: np.ndar
     return force + pressure_forces(grid, x, pressure) if scene.pressure else force
 
 
-def hermite(s: float, frame: float, x0, v0, x1, v1) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[no-untyped-def]
-    """Position and velocity at ``s`` in [0, 1] of the cubic through both ends' positions and velocities."""
+def hermite(
+    s: float, frame: float, x0: np.ndarray, v0: np.ndarray, x1: np.ndarray, v1: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Position and velocity at ``s`` in [0, 1] of the cubic from ``x0, v0`` to ``x1, v1`` in ``frame`` [s]."""
     x = (1 + 2 * s) * (1 - s) ** 2 * x0 + s * s * (3 - 2 * s) * x1
     x = x + frame * s * (1 - s) * ((1 - s) * v0 - s * v1)
     v = 6 * s * (1 - s) * (x1 - x0) / frame + (1 - s) * (1 - 3 * s) * v0 + s * (3 * s - 2) * v1
@@ -236,15 +238,26 @@ def hermite(s: float, frame: float, x0, v0, x1, v1) -> tuple[np.ndarray, np.ndar
 
 
 def step(
-    scene: Scene, state: State, controls: Controls, substeps: int, materials: Materials | None = None
+    scene: Scene,
+    state: State,
+    controls: Controls,
+    substeps: int | np.ndarray,
+    materials: Materials | None = None,
 ) -> State:
-    """One frame by symplectic Euler with ``substeps`` equal substeps; the result is in float64.
+    """One frame by symplectic Euler; the result is in float64.
 
+    ``substeps`` is a number for all, or ``(B,)``; ``materials`` default to the scene's.
     In a substep of length h: ``v <- v D + (F/m) h phi`` with ``D = exp(-drag h)``,
     ``phi = (1 - D) / (drag h)`` (exact for a constant force), ``x <- x + h v``, contact with every body
     in turn; handles then get the place and velocity of their cubic.
     """
     materials = [scene.material] * state.batch if materials is None else materials
+    if not isinstance(substeps, int):
+        out = state.astype(np.float64)
+        for i, count in enumerate(substeps):
+            one = Controls(**{name: value[[i]] for name, value in vars(controls).items()})
+            out.assign([i], step(scene, state.select([i]), one, int(count), [materials[i]]))
+        return out
     old, now = state.astype(np.float64), state.astype(np.float64)
     h = scene.frame_dt / substeps
     mass = masses(scene.grid, materials)
@@ -263,9 +276,7 @@ def step(
         )
         resolve_contact(scene, now, before, now.colliders, bodies, h)
         now.colliders = bodies
-        place, speed = hermite(
-            s, scene.frame_dt, *start, controls.handle_positions, controls.handle_velocities
-        )
+        place, speed = hermite(s, scene.frame_dt, *start, controls.handle_positions, controls.handle_velocities)
         for array, value in ((now.positions, place), (now.velocities, speed)):
             array.reshape(state.batch, 3, -1)[..., held] = value.transpose(0, 2, 1)
     now.collider_velocities = np.array(controls.collider_velocities, np.float64)

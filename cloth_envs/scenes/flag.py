@@ -10,9 +10,10 @@ from cloth_envs.scene import Scene, Wind
 from cloth_envs.scenes.task import Episode, Start, Task, draw_gust, drive, gust
 from cloth_envs.state import Controls
 
-POLE_SPEED = 2.0  # m/s at full action
-REACH = 1.0  # m, the pole stays within this of its foot
-WIND_SPEED = (1.5, 3.5)  # m/s, range of the mean wind
+POLE_SPEED, ACCELERATION = 3.0, 30.0  # m/s at full action, m/s^2
+REACH = 1.5  # m, the pole stays within this of where it started
+WIND_SPEED = (1.0, 3.0)  # m/s, range of the mean wind
+ASIDE = 0.8  # rad, largest angle between the mean wind and the line to the onlooker
 GUST = 0.5  # of the mean
 BACKING = 0.4  # rad, how far gusts turn the wind
 
@@ -20,12 +21,12 @@ BACKING = 0.4  # rad, how far gusts turn the wind
 class Flag(Task):
     """
     ## Description
-    A flag of 1.5 x 1.0 m flies from an upright pole in a light, gusty wind. The pole can be walked
-    about on the ground. Keep the flag spread out towards an onlooker.
+    A flag of 1.5 x 1.0 m flies from an upright pole in a light, gusty wind that blows mostly towards or away from an
+    onlooker, who sees little of it. Run about with the pole so that the onlooker sees the flag spread out.
 
     ## Action Space
-    `Box(-1, 1, (2,))`: velocity of the pole along x and y, +-1 is 2 m/s. The pole stays in a square of
-    +-1 m.
+    `Box(-1, 1, (2,))`: velocity of the pole along x and y, +-1 is 3 m/s. The pole stays in a square of
+    +-1.5 m.
 
     ## Observation Space
     `obs="keypoints"`: positions, then velocities of a 4 x 5 lattice of vertices (60 + 60 numbers), then
@@ -33,11 +34,12 @@ class Flag(Task):
     `obs="mesh"`: the geometry image and the same extras.
 
     ## Rewards
-    Area of the flag projected along the direction to the onlooker, over its rest area, in [0, 1].
+    Component of the flag's area vector towards the onlooker, without its sign, over the rest area, in [0, 1]. The
+    area vector follows from the border alone; where the flag is folded over, the two layers cancel.
 
     ## Starting State
-    The flag is spread downwind with small random waves. Mean wind (1.5-3.5 m/s), gusts, their turning
-    and the onlooker's direction are random.
+    The flag is spread downwind with small random waves. Mean wind (1-3 m/s), gusts, their turning
+    and the onlooker's direction, up to 46 degrees beside the wind, are random.
 
     ## Episode End
     Truncated after 200 frames (8 s). Terminated when the simulation fails (`info["failure"]`).
@@ -61,6 +63,12 @@ class Flag(Task):
     extras = ("pole x", "pole y", "pole vx", "pole vy", "wind x", "wind y", "onlooker x", "onlooker y")
     extras_bound = 20.0
 
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        numbers = np.arange(scene.grid.vertices).reshape(scene.grid.shape)
+        sides = (numbers[0, :-1], numbers[:-1, -1], numbers[-1, :0:-1], numbers[::-1, 0])
+        self.border = np.concatenate(sides)  # closed: ends where it begins
+
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
         hoist = tuple(grid.index(row, 0) for row in range(grid.rows))
@@ -69,7 +77,7 @@ class Flag(Task):
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid
         heading, speed = rng.uniform(-np.pi, np.pi), rng.uniform(*WIND_SPEED)
-        aside = heading + rng.choice([-1.0, 1.0]) * rng.uniform(np.pi / 6, np.pi / 2)
+        aside = heading + rng.uniform(-ASIDE, ASIDE)
         u = np.linspace(0.0, grid.width, grid.cols)
         # Slope angle along the flag: integrating unit steps keeps the edges at their rest length.
         turn = 0.25 * np.sin(2 * np.pi * (u / grid.width + rng.uniform())) * u / grid.width
@@ -97,13 +105,18 @@ class Flag(Task):
         return np.stack([speed * np.cos(heading), speed * np.sin(heading), np.zeros_like(speed)], 1)
 
     def controls(self, episode: Episode) -> Controls:
-        controls = Controls.hold(episode.state, self.scene.handles)
+        controls = self.hold(episode)
         foot = controls.handle_positions[:, 0, :2]
-        velocity = episode.state.velocities[:, :2, 0, 0]
         reached, speed = drive(
-            foot, velocity, POLE_SPEED * episode.action, low=-REACH, high=REACH, dt=self.frame_dt
+            foot,
+            episode.state.velocities[:, :2, 0, 0],
+            POLE_SPEED * episode.action,
+            low=-REACH,
+            high=REACH,
+            acceleration=ACCELERATION,
+            dt=self.frame_dt,
         )
-        controls.handle_positions[:, :, :2] = reached[:, None]
+        controls.handle_positions[:, :, :2] += (reached - foot)[:, None]
         controls.handle_velocities[:, :, :2] = speed[:, None]
         controls.wind = self.wind(episode)
         return controls
@@ -114,11 +127,11 @@ class Flag(Task):
         return np.concatenate([*pole, state.wind[:, :2], episode.memory["onlooker"]], 1)
 
     def reward(self, episode: Episode) -> np.ndarray:
-        x = episode.state.positions
-        diagonal, other = x[:, :, 1:, 1:] - x[:, :, :-1, :-1], x[:, :, :-1, 1:] - x[:, :, 1:, :-1]
-        # Horizontal area vector of every cell, half the cross product of its diagonals.
-        nx = diagonal[:, 1] * other[:, 2] - diagonal[:, 2] * other[:, 1]
-        ny = diagonal[:, 2] * other[:, 0] - diagonal[:, 0] * other[:, 2]
-        towards = episode.memory["onlooker"][:, :, None, None]
-        shown = 0.5 * np.abs(nx * towards[:, 0] + ny * towards[:, 1]).sum((1, 2))
+        x = episode.cloth.take(self.border, 2)
+        # Half the sum of x cross dx around the border is the area vector of any surface inside it.
+        middle, edge = x[:, :, 1:] + x[:, :, :-1], x[:, :, 1:] - x[:, :, :-1]
+        area_x = (middle[:, 1] * edge[:, 2] - middle[:, 2] * edge[:, 1]).sum(1)
+        area_y = (middle[:, 2] * edge[:, 0] - middle[:, 0] * edge[:, 2]).sum(1)
+        towards = episode.memory["onlooker"]
+        shown = 0.25 * np.abs(area_x * towards[:, 0] + area_y * towards[:, 1])
         return np.minimum(shown / (self.scene.grid.height * self.scene.grid.width), 1.0)

@@ -143,6 +143,13 @@ def drive(
     return position + 0.5 * dt * (velocity + reached), reached
 
 
+def grip(grid: Grid, row: int, col: int, radius: float = 0.04) -> tuple[int, ...]:
+    """Vertices within ``radius`` [m] of a corner: a grip spreads the load that would overstretch a single edge."""
+    rows, cols = np.indices(grid.shape)
+    down, along = (rows - row % grid.rows) * grid.row_spacing, (cols - col % grid.cols) * grid.col_spacing
+    return tuple(np.flatnonzero(np.hypot(down, along) <= radius).tolist())
+
+
 def bow(cells: int, ratio: float) -> np.ndarray:
     """A bowed line of ``cells`` unit edges whose ends are ``ratio * cells`` apart, ``(2, cells + 1)``.
 

@@ -86,8 +86,10 @@ void Explicit<T>::advance(const Frame<T>& f) const {
   const double lag = f.sheet.drag > 0 ? -std::expm1(-f.sheet.drag * dt) / f.sheet.drag : dt;
   const StepTerms<T> terms{T(f.sheet.stretch),       T(f.sheet.shear), T(f.sheet.bend), T(f.sheet.damping),
                            T(lag / f.sheet.density), T(decay),         T(dt),           T(lag * w.gravity)};
-  const AirTerms<T> blow{
-      T(w.wind_normal / 4), T(w.wind_tangential / 4), T(f.pressure), {T(f.wind[0]), T(f.wind[1]), T(f.wind[2])}};
+  const AirTerms<T> blow{T(w.wind_normal / 4),
+                         T(w.wind_tangential / 4),
+                         T(w.pressure ? f.pressure : 0.0),
+                         {T(f.wind[0]), T(f.wind[1]), T(f.wind[2])}};
   const bool air = w.wind || w.pressure;
   const auto step = lanes.step[f.sheet.damping > 0][f.sheet.bend > 0][air];
 
