@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 from _minicloth_kernels import inspect
 
 from cloth_envs.scene import Scene
@@ -21,18 +20,17 @@ class Failures:
     def check(self, before: State, after: State) -> list[str | None]:
         """The reason for each member of the batch, or None."""
         now = self._inspect(after)
-        calm = now[:, 0].all() and now[:, 1].max() <= MAX_STRAIN and now[:, 2].max() <= MAX_ENERGY_JUMP
-        if calm:
+        if all(finite and strain <= MAX_STRAIN and kinetic <= MAX_ENERGY_JUMP for finite, strain, kinetic in now):
             return [None] * len(now)
-        gained = now[:, 2] - self._inspect(before)[:, 2]
-        return [_reason(*row) for row in zip(now[:, 0], now[:, 1], gained, strict=True)]
+        then = self._inspect(before)
+        return [_reason(a[0], a[1], a[2] - b[2]) for a, b in zip(now, then, strict=True)]
 
-    def _inspect(self, state: State) -> np.ndarray:
+    def _inspect(self, state: State) -> list[tuple[bool, float, float]]:
         g = self.grid
         return inspect(state.positions, state.velocities, g.row_spacing, g.col_spacing, g.periodic)
 
 
-def _reason(finite: float, strain: float, gained: float) -> str | None:
+def _reason(finite: bool, strain: float, gained: float) -> str | None:
     if not finite:
         return "non-finite"
     if strain > MAX_STRAIN:

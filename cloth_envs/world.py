@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from _minicloth_kernels import gather
 from gymnasium import spaces
 
 from cloth_envs.backend import make_backend
@@ -66,6 +67,7 @@ class World:
             ]
         ).astype(np.float32)
         self._bound = bound
+        self._keypoints = self.task.keypoints.astype(np.int32)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.task.actions),), np.float32)
         self.observation_space: spaces.Space[Any]
         if obs == "keypoints":
@@ -178,14 +180,10 @@ class World:
             np.clip(mesh, space.low, space.high, out=mesh)
             limit = self.task.extras_bound
             return {"mesh": mesh, "task": np.clip(extras, -limit, limit).astype(np.float32)}
-        n, keypoints = self.num_envs, self.task.keypoints
-        out = np.empty((n, len(self._bound)), np.float32)
-        k = 3 * len(keypoints)
-        flat = state.positions.reshape(n, 3, -1)
-        np.take(flat, keypoints, axis=2, out=out[:, :k].reshape(n, 3, -1), mode="clip")
-        np.take(state.velocities.reshape(n, 3, -1), keypoints, axis=2, out=out[:, k : 2 * k].reshape(n, 3, -1), mode="clip")
-        out[:, 2 * k :] = extras
-        return np.minimum(np.maximum(out, -self._bound, out=out), self._bound, out=out)
+        out = np.empty((self.num_envs, len(self._bound)), np.float32)
+        out[:, -extras.shape[1] :] = extras
+        gather(state.positions, state.velocities, self._keypoints, self._bound, out)
+        return out
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that decides the future, as arrays: save with ``numpy.savez(file, **state)``."""

@@ -2,6 +2,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <stdexcept>
@@ -97,19 +98,37 @@ void bind_solver(nb::module_& m, const char* name) {
 }
 
 template <class T>
-void bind_inspect(nb::module_& m) {
+void bind_state(nb::module_& m) {
   m.def(
       "inspect",
       [](In<T, 4> x, In<T, 4> v, double row_length, double col_length, bool periodic) {
         const std::size_t batch = x.shape(0), n = 3 * x.shape(2) * x.shape(3);
-        auto* out = new double[3 * batch];
-        nb::capsule owner(out, [](void* p) noexcept { delete[] static_cast<double*>(p); });
-        for (std::size_t b = 0; b < batch; ++b)
-          inspect<T>(x.data() + b * n, v.data() + b * n, int(x.shape(2)), int(x.shape(3)), row_length, col_length,
-                     periodic, out + 3 * b);
-        return nb::ndarray<nb::numpy, double, nb::ndim<2>>(out, {batch, 3}, owner);
+        std::vector<std::tuple<bool, double, double>> all;
+        for (std::size_t b = 0; b < batch; ++b) {
+          const Check c = best_lanes<T>().check(x.data() + b * n, v.data() + b * n, int(x.shape(2)), int(x.shape(3)),
+                                                T(row_length), T(col_length), periodic);
+          all.emplace_back(c.finite, c.strain, c.kinetic);
+        }
+        return all;
       },
-      "Per cloth: all finite (1 or 0), largest structural strain, kinetic energy per mass [J/kg]; (B, 3).");
+      "Per cloth: all finite, largest structural strain, kinetic energy per mass [J/kg].");
+  m.def(
+      "gather",
+      [](In<T, 4> x, In<T, 4> v, In<int, 1> vertices, In<float, 1> bound, Out<float, 2> out) {
+        const std::size_t batch = x.shape(0), n = x.shape(2) * x.shape(3), count = vertices.shape(0);
+        need(out.shape(0) == batch && out.shape(1) == bound.shape(0) && 6 * count <= out.shape(1),
+             "out must be (B, size of bound), with room for 6 numbers a vertex");
+        const auto clip = [](float a, float limit) { return a < -limit ? -limit : a > limit ? limit : a; };
+        for (std::size_t b = 0; b < batch; ++b) {
+          float* to = out.data() + b * out.shape(1);
+          for (std::size_t k = 0; k < 6; ++k) {
+            const T* from = (k < 3 ? x.data() + (3 * b + k) * n : v.data() + (3 * b + k - 3) * n);
+            for (std::size_t i = 0; i < count; ++i) to[k * count + i] = float(from[vertices.data()[i]]);
+          }
+          for (std::size_t i = 0; i < out.shape(1); ++i) to[i] = clip(to[i], bound.data()[i]);
+        }
+      },
+      "Writes positions, then velocities of some vertices to the front of each row of out, and clips the whole row.");
 }
 
 }  // namespace
@@ -118,7 +137,7 @@ NB_MODULE(_minicloth_kernels, m) {
   m.doc() = "Compiled loops of MiniCloth.";
   bind_solver<float>(m, "Explicit32");
   bind_solver<double>(m, "Explicit64");
-  bind_inspect<float>(m);
-  bind_inspect<double>(m);
+  bind_state<float>(m);
+  bind_state<double>(m);
   m.def("instruction_set", &best_lanes_name, "The instruction set that the kernels run on this processor.");
 }

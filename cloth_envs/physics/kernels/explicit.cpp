@@ -32,6 +32,13 @@ struct Cubic {
   }
 };
 
+// A driven vertex; one that is held still costs two stores a substep.
+struct Driven {
+  int index;
+  bool moves;
+  Cubic path[3];
+};
+
 // Two states (the step reads one and writes the other), the forces of the air and of the edges.
 template <class T>
 struct Workspace {
@@ -93,12 +100,18 @@ void Explicit<T>::advance(const Frame<T>& f) const {
   const bool air = w.wind || w.pressure;
   const auto step = lanes.step[f.sheet.damping > 0][f.sheet.bend > 0][air];
 
-  std::vector<Cubic> handles(3 * w.handles.size()), bodies(6 * w.bodies.size());
-  for (std::size_t h = 0; h < w.handles.size(); ++h)
+  std::vector<Driven> handles(w.handles.size());
+  std::vector<Cubic> bodies(6 * w.bodies.size());
+  for (std::size_t h = 0; h < handles.size(); ++h) {
+    const int vertex = w.handles[h];
+    handles[h] = {g.at(vertex / g.cols, vertex % g.cols), false, {}};
     for (int k = 0; k < 3; ++k) {
-      const int i = k * n + w.handles[h];
-      handles[3 * h + k] = {f.x[i], f.v[i] * frame_dt, f.handle_x[3 * h + k], f.handle_v[3 * h + k] * frame_dt};
+      const int i = k * n + vertex;
+      const Cubic path = {f.x[i], f.v[i] * frame_dt, f.handle_x[3 * h + k], f.handle_v[3 * h + k] * frame_dt};
+      handles[h].path[k] = path;
+      handles[h].moves |= path.p0 != path.p1 || path.v0 != 0 || path.v1 != 0;
     }
+  }
   for (std::size_t i = 0; i < bodies.size(); ++i)
     bodies[i] = {f.body_x[i], f.body_v[i] * frame_dt, f.body_x_end[i], f.body_v_end[i] * frame_dt};
 
@@ -117,12 +130,12 @@ void Explicit<T>::advance(const Frame<T>& f) const {
         }
       lanes.contact(g, body, now, next);
     }
-    for (std::size_t h = 0; h < w.handles.size(); ++h) {
-      const int i = g.at(w.handles[h] / g.cols, w.handles[h] % g.cols);
-      const Cubic* path = &handles[3 * h];
-      for (int c = 0; c < 3; ++c)
-        next.x[c][i] = T(path[c].position(s1)), next.v[c][i] = T(path[c].velocity(s1) / frame_dt);
-    }
+    for (const Driven& h : handles)
+      for (int c = 0; c < 3; ++c) {
+        const Cubic& path = h.path[c];
+        next.x[c][h.index] = T(h.moves ? path.position(s1) : path.p0);
+        next.v[c][h.index] = T(h.moves ? path.velocity(s1) / frame_dt : 0.0);
+      }
     if (g.periodic) wrap(g, next);
     std::swap(now, next);
   }
@@ -146,36 +159,5 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, int threads) cons
 
 template class Explicit<float>;
 template class Explicit<double>;
-
-template <class T>
-void inspect(const T* x, const T* v, int rows, int cols, double row_length, double col_length, bool periodic,
-             double* out) {
-  const int n = rows * cols;
-  const T *y = x + n, *z = y + n;
-  T total = 0, longest = 0;  // v.v summed; largest squared stretch ratio; x * 0 is NaN unless x is finite
-  T finite = 0;
-  for (int i = 0; i < 3 * n; ++i) total += v[i] * v[i];
-  for (int i = 0; i < 3 * n; ++i) finite += x[i] * T(0);
-  const auto edges = [&](int from, int to, int count, T scale) {
-    T most = 0;
-    for (int k = 0; k < count; ++k) {
-      const T dx = x[to + k] - x[from + k], dy = y[to + k] - y[from + k], dz = z[to + k] - z[from + k];
-      const T square = (dx * dx + dy * dy + dz * dz) * scale;
-      most = most > square ? most : square;
-    }
-    longest = longest > most ? longest : most;
-  };
-  const T along = T(1 / (col_length * col_length)), down = T(1 / (row_length * row_length));
-  for (int r = 0; r < rows; ++r) {
-    edges(r * cols, r * cols + 1, cols - 1, along);
-    if (periodic) edges(r * cols + cols - 1, r * cols, 1, along);
-  }
-  edges(0, cols, n - cols, down);
-  out[0] = std::isfinite(total) && std::isfinite(finite) ? 1.0 : 0.0;
-  out[1] = std::sqrt(double(longest)) - 1.0;
-  out[2] = 0.5 * double(total) / n;
-}
-template void inspect(const float*, const float*, int, int, double, double, bool, double*);
-template void inspect(const double*, const double*, int, int, double, double, bool, double*);
 
 }  // namespace minicloth

@@ -53,9 +53,4 @@ class Explicit {
   World world_;
 };
 
-// Per cloth: all finite (1 or 0), largest structural strain, kinetic energy per mass [J/kg].
-template <class T>
-void inspect(const T* x, const T* v, int rows, int cols, double row_length, double col_length, bool periodic,
-             double* out);
-
 }  // namespace minicloth

@@ -39,6 +39,12 @@ struct BodyStep {  // a body over one substep: two end points of its axis before
   T radius, friction, dt;  // radius includes the thickness
 };
 
+struct Check {
+  bool finite;
+  double strain;   // of the longest structural edge
+  double kinetic;  // energy per mass [J/kg], vertices weighted alike
+};
+
 template <class T>
 struct Lanes {
   // One substep of springs, dampers, bending, gravity, drag and listed triangle forces.
@@ -48,6 +54,7 @@ struct Lanes {
   using Air = void (*)(const Geometry<T>&, const AirTerms<T>&, const Planes<T>& in, const Triangles<T>& out);
   Air air[2];  // [wind]; pressure alone needs no velocities
   void (*contact)(const Geometry<T>&, const BodyStep<T>&, const Planes<T>& in, const Planes<T>& out);
+  Check (*check)(const T* x, const T* v, int rows, int cols, T row_length, T col_length, bool periodic);
 };
 
 template <class T>
