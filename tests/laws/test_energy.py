@@ -1,0 +1,112 @@
+"""Energy balance, and the observed orders of convergence in the step and in the spacing."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from worlds import THREADS, flat, frequency, rates, run, simulate
+
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+from cloth_envs.physics import reference
+from cloth_envs.scene import Scene, Wind
+from cloth_envs.state import Controls, State
+
+CLOTH = Material(0.2, 100.0, 30.0, 1e-4, damping=1e-3, drag=0.8)
+
+
+def balance(scene: Scene, states: list[State], controls: Controls) -> np.ndarray:
+    """Energy + dissipated - work [J] over time; all steps' powers are summed by the trapezoidal rule."""
+    grid, materials = scene.grid, [scene.material]
+    energy, power = [], []
+    free = np.ones(grid.vertices, bool)
+    free[list(scene.handles)] = False
+    free = free.reshape(grid.shape)
+    for state in states:
+        x, v = state.positions, state.velocities
+        energy.append(
+            reference.kinetic_energy(grid, materials, v)
+            + reference.spring_energy(grid, materials, x)
+            + reference.bend_energy(grid, materials, x)
+            + reference.gravity_energy(grid, materials, x, scene.gravity)
+        )
+        force = reference.damper_forces(grid, materials, x, v) + reference.wind_forces(scene, x, v, controls.wind)
+        force -= scene.material.drag * scene.drag * reference.masses(grid, materials) * v
+        if scene.pressure:
+            force += reference.pressure_forces(grid, x, controls.pressure)
+        power.append((force * v * free).sum((1, 2, 3)))
+    total, work = np.array(energy)[:, 0], np.array(power)[:, 0]
+    return total - np.concatenate([[0], np.cumsum((work[1:] + work[:-1]) / 2)]) * scene.frame_dt
+
+
+def test_energy_balance_closes_as_the_step_shrinks() -> None:
+    grid = Grid(6, 7, 0.5, 0.6)
+    errors, spent = [], 0.0
+    for steps in (200, 400, 800):
+        scene = Scene("swing", grid, CLOTH, 0.25 / steps, handles=(0, 6), wind=Wind(), pressure=True)
+        state = State.still(flat(grid))
+        controls = Controls.hold(state, scene.handles)
+        controls.wind[:] = [1.0, 3.0, 0.5]
+        controls.pressure[:] = 1.0
+        states, _ = run(scene, state, controls, steps, substeps=1)
+        total = balance(scene, states, controls)
+        errors.append(abs(total - total[0]).max())
+        spent = np.ptp(reference.gravity_energy(grid, [CLOTH], np.concatenate([s.positions for s in states]), 9.81))
+    # Symplectic Euler follows an energy that differs from the true one by order h.
+    assert (abs(rates(errors) - 1) < 0.2).all()
+    assert errors[-1] < 0.02 * spent
+
+
+def test_without_losses_energy_stays_for_thousands_of_steps() -> None:
+    grid = Grid(5, 5, 0.4, 0.4)
+    material = CLOTH.with_changes(damping=0.0, drag=0.0)
+    drift = []
+    for steps in (1, 2):
+        scene = Scene("free", grid, material, 2e-3, gravity=0.0)
+        state = State.still(flat(grid))
+        state.velocities[:] = 0.2 * np.random.default_rng(0).normal(size=state.velocities.shape)
+        states, _ = run(scene, state, frames=1000, substeps=steps)
+        total = balance(scene, states, Controls.hold(state, ()))
+        # It oscillates by w_max h / 2 of itself for each mode, w_max h <= 2, and does not drift.
+        drift.append(abs(total[-200:].mean() / total[:200].mean() - 1))
+        assert abs(total / total[0] - 1).max() < 1.0
+    assert max(drift) < 0.05
+
+
+def test_positions_converge_at_first_order_in_the_step() -> None:
+    grid = Grid(7, 6, 0.5, 0.6)
+    scene = Scene("swing", grid, CLOTH, 0.05, handles=(0, 5), wind=Wind())
+    state = State.still(flat(grid))
+    controls = Controls.hold(state, scene.handles)
+    controls.wind[:] = [0.5, 3.0, 1.0]
+    controls.handle_positions[..., 1] += 0.02
+    ends = [simulate(scene, state, controls, 3, substeps=n).positions for n in (40, 80, 160, 320, 640)]
+    differences = [abs(a - b).max() for a, b in itertools.pairwise(ends)]
+    # Differences of successive halvings shrink like the error itself.
+    assert (abs(rates(differences)[1:] - 1) < 0.1).all()
+
+
+def test_a_plucked_sheet_converges_at_second_order_in_the_spacing() -> None:
+    errors = []
+    strain, amplitude = 0.1, 1e-4
+    side = 0.5 * (1 + strain)
+    # Tension Y e per rest width is Y e / (1 + e) per stretched width, density rho / (1 + e)^2.
+    speed = (THREADS.stretch_stiffness * strain * (1 + strain) / THREADS.areal_density) ** 0.5
+    omega = 2**0.5 * np.pi / side * speed
+    for n in (5, 9, 17, 33):
+        grid = Grid(n, n, 0.5, 0.5)
+        border = np.ones((n, n), bool)
+        border[1:-1, 1:-1] = False
+        held = tuple(np.flatnonzero(border).tolist())
+        scene = Scene("drum", grid, THREADS, 2 * np.pi / omega / 12, held, gravity=0.0)
+        state = State.still(flat(grid) * (1 + strain))
+        line = np.sin(np.pi * np.arange(n) / (n - 1))
+        shape = np.outer(line, line)
+        state.positions[0, 2] = amplitude * shape
+        states, _ = run(scene, state, frames=36, substeps=200)
+        measured = frequency(np.array([(s.positions[0, 2] * shape).sum() for s in states]), scene.frame_dt)
+        errors.append(abs(measured / omega - 1))
+    # Lattice and step: w = w0 (1 - (q s)^2 / 24 + (w h)^2 / 24), q = pi / side.
+    assert (abs(rates(errors) - 2) < 0.1).all()
+    assert errors[-1] < (np.pi / 32) ** 2 / 24 * 1.01

@@ -1,0 +1,147 @@
+"""The compiled kernel against its NumPy twin: every term alone, all together, and whole frames."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+from cloth_envs.physics import reference
+from cloth_envs.physics.explicit import ExplicitBackend
+from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.state import Controls, State
+
+GRIDS = {
+    "square": Grid(6, 6, 0.5, 0.5),
+    "wide": Grid(5, 8, 0.3, 0.9),
+    "tall": Grid(19, 18, 0.9, 0.4),
+    "smallest": Grid(3, 3, 0.2, 0.3),
+    "tube": Grid(6, 7, 0.5, 0.8, periodic=True),
+    "smallest tube": Grid(3, 3, 0.2, 0.3, periodic=True),
+    "even tube": Grid(4, 20, 0.3, 0.9, periodic=True),
+}
+NOTHING = Material(0.2, 1e-12, 0.0, 0.0, damping=0.0, drag=0.0)  # stretch can't be zero
+SHEETS = [Material(0.2, 500.0, 150.0, 1e-3, 5e-5, 0.5), Material(0.4, 90.0, 10.0, 2e-4, 2e-4, 0.0), Material()]
+TERMS: dict[str, tuple[dict[str, float], dict[str, object]]] = {
+    "stretch": ({"stretch_stiffness": 500.0}, {}),
+    "shear": ({"shear_stiffness": 150.0}, {}),
+    "damped": ({"stretch_stiffness": 300.0, "shear_stiffness": 90.0, "damping": 1e-3}, {}),
+    "bend": ({"bend_stiffness": 1e-3}, {}),
+    "drag": ({"drag": 3.0}, {}),
+    "drag off": ({"drag": 3.0}, {"drag": False}),
+    "gravity": ({}, {"gravity": 9.81}),
+    "wind": ({}, {"wind": Wind(normal=1.5, tangential=0.2)}),
+    "pressure": ({}, {"pressure": True}),
+    "wind and pressure": ({}, {"wind": Wind(normal=0.7, tangential=0.9), "pressure": True}),
+}
+
+
+def crumpled(grid: Grid, batch: int, amount: float = 0.3) -> State:
+    """Random positions ``amount`` spacings around flat sheets or tubes, random velocities of about 1 m/s."""
+    rng = np.random.default_rng(1)
+    r, c = np.indices(grid.shape)
+    x = amount * min(grid.row_spacing, grid.col_spacing) * rng.normal(size=(batch, 3, *grid.shape))
+    x[:, 0] += c * grid.col_spacing
+    x[:, 1] -= r * grid.row_spacing
+    if grid.periodic:
+        angle = 2 * np.pi * c / grid.cols
+        x[:, 0] += grid.width / 6 * np.cos(angle) - c * grid.col_spacing
+        x[:, 2] += grid.width / 6 * np.sin(angle)
+    state = State.still(x)
+    state.velocities[:] = rng.normal(size=x.shape)
+    return state
+
+
+def controls_for(scene: Scene, state: State, seed: int = 2) -> Controls:
+    """Handles, bodies, wind and pressure that all move and differ over the batch."""
+    rng = np.random.default_rng(seed)
+    controls = Controls.hold(state, scene.handles)
+    for name in ("handle_positions", "colliders"):
+        getattr(controls, name)[:] += 0.02 * rng.normal(size=getattr(controls, name).shape)
+    for name in ("handle_velocities", "collider_velocities"):
+        getattr(controls, name)[:] = rng.normal(size=getattr(controls, name).shape)
+    controls.wind[:] = 3 * rng.normal(size=(state.batch, 3))
+    controls.pressure[:] = 5 * rng.normal(size=state.batch)
+    for number, body in enumerate(scene.colliders):  # a plane keeps its normal, the others their axis
+        for end, start in ((controls.colliders, state.colliders), (controls.collider_velocities, None)):
+            axis = 0 if start is None else start[:, number, 1] - (body.kind != "plane") * start[:, number, 0]
+            end[:, number, 1] = axis + (body.kind != "plane") * end[:, number, 0]
+    return controls
+
+
+def with_bodies(state: State, bodies: tuple[Collider, ...]) -> State:
+    """``state`` with bodies at rest that touch the middle of the cloth."""
+    middle = state.positions.mean((2, 3))[:, None]
+    places = {
+        "sphere": middle + [[0, 0, -0.05]] * 2,
+        "plane": 0 * middle + [[0, 0, -0.02], [0, 0.6, 0.8]],
+        "capsule": middle + np.array([[-0.1, 0, 0.08], [0.1, 0.02, 0.08]]),
+    }
+    state.colliders = np.stack([places[body.kind] for body in bodies], 1)
+    state.collider_velocities = np.zeros_like(state.colliders)
+    return state
+
+
+def without_bodies(what: State | Controls) -> State | Controls:
+    """A copy with no bodies."""
+    return replace(what, colliders=what.colliders[:, :0], collider_velocities=what.collider_velocities[:, :0])
+
+
+def compare(scene: Scene, state: State, materials: list[Material], dtype: str, tolerance: float) -> State:
+    """Assert that kernel and twin agree over one frame; the largest difference is scaled by the largest change."""
+    backend = ExplicitBackend(scene, num_envs=state.batch, dtype=dtype)
+    backend.reset(state, materials)
+    state = state.astype(dtype)
+    controls = controls_for(scene, state)
+    got = backend.advance(controls)
+    want = reference.step(scene, state, controls, backend.substeps, materials)
+    for name in ("positions", "velocities"):
+        change = getattr(want, name) - getattr(state, name)
+        error = abs(getattr(got, name) - getattr(want, name)).max()
+        assert error <= tolerance * abs(change).max() + 4 * np.finfo(dtype).eps * abs(getattr(want, name)).max(), name
+        assert getattr(got, name).dtype == dtype
+    return want
+
+
+@pytest.mark.parametrize("term", TERMS)
+@pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
+def test_one_substep_of_each_term(grid: Grid, term: str) -> None:
+    changes, options = TERMS[term]
+    base = [replace(NOTHING, areal_density=density) for density in (0.2, 0.5)]
+    materials = [
+        m.with_changes(**{k: v * f for k, v in changes.items()}) for m, f in zip(base, (1.0, 0.6), strict=True)
+    ]
+    scene = Scene("term", grid, materials[0], 1e-5, **{"gravity": 0.0, **options})  # type: ignore[arg-type]
+    # The change of a velocity is a difference: eps |v| / |dv| is lost, |dv| of 1e-5 s * 1 m/s^2 at least.
+    compare(scene, crumpled(grid, 2), materials, "float64", 1e-10)
+
+
+@pytest.mark.parametrize("kind", ["sphere", "plane", "capsule"])
+@pytest.mark.parametrize("friction", [0.0, 0.5, 5.0])
+def test_one_substep_of_contact(kind: str, friction: float) -> None:
+    bodies = (Collider(kind, 0.0 if kind == "plane" else 0.07, friction),)
+    scene = Scene("contact", GRIDS["tall"], NOTHING, 2e-3, colliders=bodies)
+    state = with_bodies(crumpled(scene.grid, 2), bodies)
+    want = compare(scene, state, [NOTHING] * 2, "float64", 1e-12)
+    flying = reference.step(replace(scene, colliders=()), without_bodies(state), controls_for(scene, state), 1)
+    assert 0.01 < (abs(want.velocities - flying.velocities).max(1) > 0).mean() < 0.9  # some touch, some do not
+
+
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
+def test_a_frame_of_everything(grid: Grid, dtype: str) -> None:
+    bodies = (Collider("sphere", 0.1, 0.4), Collider("plane", friction=0.2), Collider("capsule", 0.06, 0.3))
+    scene = Scene(
+        "all", grid, SHEETS[0], 2e-3, handles=(0, grid.cols - 1, grid.vertices - 2), wind=Wind(), pressure=True,
+        colliders=bodies,
+    )  # fmt: skip
+    state = with_bodies(crumpled(grid, len(SHEETS), 0.1), bodies)
+    controls = controls_for(scene, state)
+    # Ten substeps at most; each can amplify a rounding a few times where crumpled edges are short.
+    want = compare(scene, state, SHEETS, dtype, 1e4 * float(np.finfo(dtype).eps))
+    assert np.isfinite(want.positions).all()
+    bare = reference.step(replace(scene, colliders=()), without_bodies(state), without_bodies(controls), 10, SHEETS)
+    assert abs(bare.positions - want.positions).max() > 1e-3  # the bodies do touch
