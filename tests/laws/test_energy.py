@@ -5,10 +5,11 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+import pytest
 from worlds import THREADS, flat, frequency, rates, run, simulate
 
 from cloth_envs.grid import Grid
-from cloth_envs.material import Material
+from cloth_envs.material import FABRICS, Material
 from cloth_envs.physics import reference
 from cloth_envs.scene import Scene, Wind
 from cloth_envs.state import Controls, State
@@ -72,6 +73,24 @@ def test_without_losses_energy_stays_for_thousands_of_steps() -> None:
         drift.append(abs(total[-200:].mean() / total[:200].mean() - 1))
         assert abs(total / total[0] - 1).max() < 1.0
     assert max(drift) < 0.05
+
+
+@pytest.mark.parametrize("fabric", [*FABRICS, "heavily damped"])
+def test_no_fabric_gains_energy_at_its_largest_step(fabric: str) -> None:
+    grid = Grid(9, 17, 0.5, 0.4)
+    material = FABRICS.get(fabric, Material(damping=2e-3))
+    scene = Scene("free", grid, material, 0.02, gravity=0.0)
+    state = State.still(flat(grid))
+    state.velocities[:] = 0.2 * np.random.default_rng(0).normal(size=state.velocities.shape)
+    states, _ = run(scene, state, frames=100, dtype="float32")
+    first, last = (
+        reference.kinetic_energy(grid, [material], s.velocities)
+        + reference.spring_energy(grid, [material], s.positions)
+        + reference.bend_energy(grid, [material], s.positions)
+        for s in (states[0], states[-1])
+    )
+    # Dashpots and drag only take; an unstable mode would multiply by more than e in each of thousands of steps.
+    assert last < first
 
 
 def test_positions_converge_at_first_order_in_the_step() -> None:
