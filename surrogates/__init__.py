@@ -1,0 +1,1 @@
+"""Learned backends; none yet."""

@@ -1,0 +1,1 @@
+"""Data generation, training and benchmarks; nothing imports this but the command line."""
