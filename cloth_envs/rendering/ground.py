@@ -1,0 +1,84 @@
+"""The floor: seen by thin lines and the soft shadow that falls on it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from PIL import Image, ImageFilter
+
+from cloth_envs.rendering import look
+
+CELLS = 160  # along a side of the shadow's image
+TILE = 0.5  # m between lines
+LINE = (176, 190, 202)  # their colour
+DARKEST = 100  # opacity of the deepest shadow, of 255
+
+
+def refined(positions: np.ndarray, least: int = 5_000) -> np.ndarray:
+    """Points ``(N, 3)``, at least about ``least`` of them, spread over a sheet ``(3, H, W)``."""
+    while positions[0].size < least:
+        wide = np.empty((3, 2 * positions.shape[1] - 1, positions.shape[2]), positions.dtype)
+        wide[:, ::2], wide[:, 1::2] = positions, (positions[:, 1:] + positions[:, :-1]) / 2
+        positions = np.empty((*wide.shape[:2], 2 * wide.shape[2] - 1), wide.dtype)
+        positions[..., ::2], positions[..., 1::2] = wide, (wide[..., 1:] + wide[..., :-1]) / 2
+    return positions.reshape(3, -1).T
+
+
+def tiles(pv: Any, centre: tuple[float, float, float], radius: float) -> Any:
+    """Lines every ``TILE`` metres on the ground that fade out ``radius`` [m] from ``centre``."""
+    count = 2 * int(np.ceil(radius / TILE))
+    middle = (*(np.rint(np.array(centre[:2]) / TILE) * TILE), centre[2])
+    side = count * TILE
+    plane = pv.Plane(center=middle, i_size=side, j_size=side, i_resolution=count, j_resolution=count)
+    lines = plane.extract_all_edges()
+    away = np.linalg.norm(lines.points - centre, axis=1) / radius
+    rgba = np.empty((lines.n_points, 4), np.uint8)
+    rgba[:, :3], rgba[:, 3] = LINE, 255 * np.clip(1 - away, 0, 1) ** 2
+    lines.point_data["rgba"] = rgba
+    return lines
+
+
+class Ground:
+    """A level square under ``box`` ``(2, 3)`` [m], lit from the left of a camera in direction ``view``.
+
+    Points fall along the light onto cells of the square, are counted, and blurred by a Gaussian that
+    widens with their height.
+    """
+
+    def __init__(self, pv: Any, plotter: Any, box: np.ndarray, view: np.ndarray) -> None:
+        self.height = float(box[0, 2])
+        extent = float(np.linalg.norm((box[1] - box[0])[:2]) + (box[1] - box[0])[2])
+        self.side = 2.2 * extent
+        centre = box.mean(0)
+        self.low = centre[:2] - self.side / 2
+        right, towards, _ = look.level_axes(view)
+        self.fall = look.SHADOW_TILT * (0.8 * right - 0.6 * towards)[:2]
+        self.image = pv.ImageData(dimensions=(CELLS, CELLS, 1))
+        self.image.point_data["rgba"] = np.zeros((CELLS * CELLS, 4), np.uint8)
+        self.image.set_active_scalars("rgba")
+        texture = pv.Texture(self.image)
+        texture.interpolate = True
+        at = (*centre[:2], self.height)
+        plane = pv.Plane(center=at, i_size=self.side, j_size=self.side, i_resolution=1, j_resolution=1)
+        self.actor = plotter.add_mesh(plane, texture=texture, lighting=False)
+        self.tiles = plotter.add_mesh(
+            tiles(pv, at, 3.0 * extent), scalars="rgba", rgb=True, lighting=False, line_width=1.2
+        )
+        floor = pv.Plane(center=at, i_size=10 * extent, j_size=10 * extent, i_resolution=1, j_resolution=1)
+        self.solid = plotter.add_mesh(floor, color=look.FLOOR)
+        self.solid.visibility = False
+
+    def cast(self, points: np.ndarray, along: np.ndarray) -> None:
+        """Show the shadow of ``points`` ``(N, 3)`` [m] on the square moved by ``along`` ``(3,)`` [m]."""
+        self.actor.position = (along[0], along[1], 0.0)
+        low = self.low + along[:2]
+        height = points[:, 2] - self.height
+        cell = ((points[:, :2] + height[:, None] * self.fall - low) * (CELLS / self.side)).astype(int)
+        cell = cell[((cell >= 0) & (cell < CELLS)).all(1)]
+        count = np.bincount(cell[:, 1] * CELLS + cell[:, 0], minlength=CELLS**2)
+        cover = Image.fromarray((np.minimum(count, 2) * (DARKEST / 2)).astype(np.uint8).reshape(CELLS, CELLS))
+        spread = 0.02 + 0.08 * float(np.clip(np.median(height), 0, 1.5))  # m
+        soft = cover.filter(ImageFilter.GaussianBlur(spread * CELLS / self.side))
+        self.image.point_data["rgba"][:, 3] = np.asarray(soft).ravel()
+        self.image.Modified()

@@ -1,0 +1,87 @@
+"""Colours, textures and lights: the look of every picture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+SKY, FLOOR = "#bccbd9", "#eceff1"
+CLOTH_FRONT, CLOTH_BACK = "#e0553c", "#f3d3b3"
+WOOD, BRASS, STEEL, BODY, ARROW, TEXT = "#a67c5b", "#d0a548", "#6d7883", "#5d7f9f", "#2b7a9b", "#2b3640"
+CLOTH = {"ambient": 0.30, "diffuse": 0.92, "specular": 0.08, "specular_power": 8}  # a wide, weak sheen
+SOLID = {"ambient": 0.34, "diffuse": 0.85, "specular": 0.25, "specular_power": 25}
+STRAIN_MAP = "coolwarm"  # Moreland's diverging map: perceptually even, safe for colour blindness
+WEAVE_SIZE = 0.24  # m of cloth in one repeat of the weave
+SHADOW_TILT = 0.55  # m sideways for a metre down
+
+# Direction towards each light (right, towards the camera, up), colour and strength.
+LIGHTS = (
+    ((-0.60, 0.90, 0.75), "#fff3e4", 0.86),  # warm key, from the left
+    ((0.95, 0.50, 0.20), "#dde9ff", 0.26),  # cool fill, from the right
+    ((0.30, -0.90, 0.50), "#ffffff", 0.30),  # rim, from behind
+)
+
+
+def level_axes(view: np.ndarray) -> np.ndarray:
+    """Right, towards the camera and up as rows ``(3, 3)``, both level, for a camera direction ``view``."""
+    level = np.array([view[0], view[1], 0.0])
+    size = np.linalg.norm(level)
+    towards = level / size if size > 1e-9 else np.array([0.0, -1.0, 0.0])
+    return np.stack([np.cross([0.0, 0.0, 1.0], towards), towards, [0.0, 0.0, 1.0]])
+
+
+def lights(pv: Any, view: np.ndarray) -> list[Any]:
+    """Key, fill and rim light around the vertical, as seen along ``view`` ``(3,)``, scene to camera."""
+    axes = level_axes(view)
+    return [
+        pv.Light(position=tuple(np.array(at) @ axes), focal_point=(0, 0, 0), color=color, intensity=power)
+        for at, color, power in LIGHTS
+    ]
+
+
+def smooth_edges(renderer: Any) -> None:
+    """FXAA, the cheapest antialiasing on a CPU (MSAA and supersampling cost 2-3 times as much).
+
+    Its thresholds pass over the faint lines of weave and floor. PyVista's own switch refuses FXAA with
+    EGL, where it works.
+    """
+    renderer.SetUseFXAA(True)
+    options = renderer.GetFXAAOptions()
+    options.SetRelativeContrastThreshold(0.2)
+    options.SetHardContrastThreshold(0.1)
+    options.SetUseHighQualityEndpoints(False)
+
+
+def add_scalar_bar(plotter: Any, mapper: Any, width: float) -> None:
+    """A small bar of strain in the lower right corner of the active view, ``width`` [pixels] wide."""
+    plotter.add_scalar_bar(
+        "strain (%)\n",
+        mapper=mapper,
+        vertical=True,
+        n_labels=3,
+        fmt="%.3g",
+        color=TEXT,
+        unconstrained_font_size=True,
+        title_font_size=12,
+        label_font_size=12,
+        width=46 / width,
+        height=0.34,
+        position_x=1 - 64 / width,
+        position_y=0.12,
+    )
+
+
+def weave(cells: int = 96) -> np.ndarray:
+    """One repeat of a woven check, ``(cells, cells, 3)`` uint8, that multiplies the cloth's colour.
+
+    Bands of darker warp and weft threads cross; a fine twill runs over them.
+    """
+    at = np.arange(cells)
+    phase, edge = at / cells, 0.04
+    band = np.clip((0.25 + edge - np.abs(phase - 0.5)) / (2 * edge), 0, 1)
+    line = np.exp(-(((phase - 0.06) / 0.016) ** 2))
+    threads = 0.12 * band + 0.09 * line
+    twill = 0.018 * np.where((at[:, None] + at) % 4 < 2, 1, -1)
+    tone = 0.98 - threads[:, None] - threads + twill
+    return (255 * np.clip(tone, 0, 1)).astype(np.uint8)[..., None].repeat(3, -1)

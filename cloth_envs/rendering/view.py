@@ -1,0 +1,102 @@
+"""One view of a scene: adds its actors once, then only moves them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from cloth_envs.rendering import framing, look
+from cloth_envs.rendering.ground import Ground, refined
+from cloth_envs.rendering.props import Arrow, Capsule, fixtures
+from cloth_envs.rendering.sheet import Sheet
+from cloth_envs.scene import Scene
+from cloth_envs.state import State
+
+
+class View:
+    """The actors for ``scene`` in the active subplot of ``plotter``.
+
+    Args:
+        pv, plotter: the PyVista module and its plotter.
+        scene: what is drawn, on the grid of the states that will come.
+        state, member: what is drawn first; what holds the cloth is built around its handles.
+        box: low and high corner ``(2, 3)`` [m] of what may be occupied; its bottom is the ground.
+        camera: where the camera stands.
+        follow: the camera goes along with handles or bodies that move far.
+        strain_range: strain at the ends of the colours, or None for fabric.
+    """
+
+    def __init__(
+        self,
+        pv: Any,
+        plotter: Any,
+        scene: Scene,
+        state: State,
+        member: int,
+        box: np.ndarray,
+        camera: framing.Camera,
+        *,
+        follow: bool,
+        strain_range: float | None,
+    ) -> None:
+        self.scene, self.follow, self.place = scene, follow, camera
+        self.anchor = framing.anchor(scene, state, member)
+        self.slack = framing.SLACK * max(scene.grid.width, scene.grid.height)
+        self.camera = plotter.camera
+        self.camera.view_angle, self.camera.up = framing.VIEW_ANGLE, camera.up
+        view = np.subtract(camera.position, camera.focal_point)
+        plotter.set_background(look.FLOOR, top=look.SKY)
+        for light in look.lights(pv, view):
+            plotter.add_light(light, only_active=True)
+        self.ground = Ground(pv, plotter, box, view)
+        self.sheet = Sheet(pv, plotter, scene.grid, strain_range)
+        self.bodies = {
+            index: Capsule(pv, body.radius) for index, body in enumerate(scene.colliders) if body.kind != "plane"
+        }
+        self.start = self._handles(state, member)
+        self.parts = fixtures(pv, scene, self.start, self.ground.height) if scene.handles else []
+        for mesh, color, options in [
+            *((body.mesh, look.BODY, {}) for body in self.bodies.values()),
+            *((part.mesh, part.color, part.options) for part in self.parts),
+        ]:
+            plotter.add_mesh(mesh, color=color, **look.SOLID, **options).prop.interpolation = "Phong"
+        self.arrow = None if scene.wind is None else Arrow(pv, plotter, scene, box)
+        self.decoration = [self.ground.actor, self.ground.tiles] + ([self.arrow.actor] if self.arrow else [])
+
+    def _handles(self, state: State, member: int) -> np.ndarray:
+        return state.positions[member].reshape(3, -1).T[list(self.scene.handles)].astype(np.float32)
+
+    def update(self, state: State, member: int) -> None:
+        """Move everything to one member of ``state``.
+
+        Raises:
+            ValueError: the state has another resolution than the first one.
+        """
+        if state.positions.shape[2:] != self.scene.grid.shape:
+            raise ValueError(
+                f"this view draws a grid of {self.scene.grid.shape}, got {state.positions.shape[2:]}; "
+                "make another Renderer for another resolution"
+            )
+        positions = state.positions[member].astype(np.float32)
+        self.sheet.move(positions)
+        for index, body in self.bodies.items():
+            body.place(state.colliders[member, index].astype(float))
+        moved = self._handles(state, member) - self.start
+        for part in self.parts:
+            part.follow(moved)
+        along = np.zeros(3)
+        if self.follow:
+            along = framing.shift(framing.anchor(self.scene, state, member) - self.anchor, self.slack)
+        self.camera.position = np.add(self.place.position, along)
+        self.camera.focal_point = np.add(self.place.focal_point, along)
+        if self.arrow is not None:
+            self.arrow.blow(state.wind[member], along)
+        solid = [body.mesh for body in self.bodies.values()] + [part.mesh for part in self.parts]
+        self.ground.cast(np.concatenate([refined(positions), *(np.asarray(mesh.points) for mesh in solid)]), along)
+
+    def solid_only(self, on: bool) -> None:
+        """Hide shadow and arrow and show the ground as a solid (for depth), or the reverse."""
+        for actor in self.decoration:
+            actor.visibility = not on
+        self.ground.solid.visibility = on
