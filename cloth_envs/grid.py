@@ -97,6 +97,18 @@ class Grid:
         upper = np.stack([upper_left, lower_right, upper_right], 1)
         return np.stack([lower, upper], 1).reshape(-1, 3)
 
+    @cached_property
+    def facets(self) -> np.ndarray:
+        """The triangles of both diagonals, ``(4 * cells, 3)``: those of ``triangles`` and as many cut the other way.
+
+        Each stands for half its area; forces on them are even-handed, so a mirrored cloth moves mirrored.
+        """
+        lower, upper = self.triangles[0::2], self.triangles[1::2]
+        upper_left, lower_left, lower_right = lower.T
+        upper_right = upper[:, 2]
+        others = [(upper_left, lower_left, upper_right), (lower_left, lower_right, upper_right)]
+        return np.concatenate([self.triangles, *(np.stack(corners, 1) for corners in others)])
+
     def keypoints(self, rows: int, cols: int) -> np.ndarray:
         """Vertex numbers of an even ``rows x cols`` lattice that includes the border, flat."""
         r = np.linspace(0, self.rows - 1, rows).round().astype(int)

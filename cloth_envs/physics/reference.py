@@ -108,22 +108,22 @@ def kinetic_energy(grid: Grid, materials: Materials, v: np.ndarray) -> np.ndarra
 
 
 def _corners(grid: Grid, x: np.ndarray) -> np.ndarray:
-    """The three corners of every triangle, ``(3 corners, B, T, 3 axes)``."""
-    return _flat(x)[:, :, grid.triangles.T].transpose(2, 0, 3, 1)
+    """The three corners of every facet, ``(3 corners, B, T, 3 axes)``."""
+    return _flat(x)[:, :, grid.facets.T].transpose(2, 0, 3, 1)
 
 
 def _to_vertices(grid: Grid, force: np.ndarray, shape: tuple[int, ...]) -> Forces:
-    """A third of every triangle's force ``(B, T, 3)`` to each of its corners."""
+    """A third of half of every facet's force ``(B, T, 3)`` to each of its corners."""
     out = np.zeros((grid.vertices, len(force), 3))
-    for corner in grid.triangles.T:
-        np.add.at(out, corner, force.transpose(1, 0, 2) / 3)
+    for corner in grid.facets.T:
+        np.add.at(out, corner, force.transpose(1, 0, 2) / 6)
     return out.transpose(1, 2, 0).reshape(shape)
 
 
 def wind_forces(scene: Scene, x: np.ndarray, v: np.ndarray, wind: np.ndarray) -> Forces:
-    """Wejchert & Haumann 1991: ``f = -rho/2 A (C_n |n.v_r| (n.v_r) n + C_t |v_t| v_t)`` on a triangle.
+    """Wejchert & Haumann 1991: ``f = -rho/2 A (C_n |n.v_r| (n.v_r) n + C_t |v_t| v_t)`` on a facet.
 
-    ``v_r`` is the triangle's mean velocity less ``wind`` ``(B, 3)``, ``v_t`` its part in the plane.
+    ``v_r`` is the facet's mean velocity less ``wind`` ``(B, 3)``, ``v_t`` its part in the plane.
     """
     if scene.wind is None:
         return np.zeros(x.shape)
@@ -140,15 +140,15 @@ def wind_forces(scene: Scene, x: np.ndarray, v: np.ndarray, wind: np.ndarray) ->
 
 
 def pressure_forces(grid: Grid, x: np.ndarray, pressure: np.ndarray) -> Forces:
-    """``p (x1 - x0) x (x2 - x0) / 2`` on a triangle: ``pressure`` ``(B,)`` [Pa] along its normal."""
+    """``p (x1 - x0) x (x2 - x0) / 2`` on a facet: ``pressure`` ``(B,)`` [Pa] along its normal."""
     x0, x1, x2 = _corners(grid, x)
     return _to_vertices(grid, pressure[:, None, None] * np.cross(x1 - x0, x2 - x0) / 2, x.shape)
 
 
 def pressure_energy(grid: Grid, x: np.ndarray, pressure: np.ndarray) -> np.ndarray:
-    """``-p V``, ``V = sum x0 . (x1 x x2) / 6``. Its gradient is the force at vertices off the border."""
+    """``-p V``, ``V = sum x0 . (x1 x x2) / 12`` over the facets. Its gradient is the force at vertices off the border."""
     x0, x1, x2 = _corners(grid, x)
-    return -pressure * (x0 * np.cross(x1, x2)).sum((1, 2)) / 6
+    return -pressure * (x0 * np.cross(x1, x2)).sum((1, 2)) / 12
 
 
 def total_forces(scene: Scene, materials: Materials, state: State, wind: np.ndarray, pressure: np.ndarray) -> Forces:

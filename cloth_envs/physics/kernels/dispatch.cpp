@@ -1,4 +1,7 @@
 // Chooses the widest instruction set that this processor has.
+#include <cstdlib>
+#include <string_view>
+
 #include "lanes.hpp"
 
 namespace minicloth {
@@ -16,7 +19,9 @@ DECLARE(avx512)
 #undef DECLARE
 
 namespace {
-int level() {
+const char* const kNames[] = {"baseline", "avx2", "avx512"};
+
+int supported() {
 #ifdef MINICLOTH_X86_LEVELS
   __builtin_cpu_init();
   if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq") &&
@@ -26,7 +31,16 @@ int level() {
 #endif
   return 0;
 }
-const int kLevel = level();
+
+// MINICLOTH_INSTRUCTION_SET asks for a lesser set, so that all of them can be tested on one machine.
+int chosen() {
+  const int most = supported();
+  const char* wanted = std::getenv("MINICLOTH_INSTRUCTION_SET");
+  for (int k = 0; wanted && k < most; ++k)
+    if (std::string_view(wanted) == kNames[k]) return k;
+  return most;
+}
+const int kLevel = chosen();
 }  // namespace
 
 template <class T>
@@ -40,9 +54,6 @@ const Lanes<T>& best_lanes() {
 template const Lanes<float>& best_lanes<float>();
 template const Lanes<double>& best_lanes<double>();
 
-const char* best_lanes_name() {
-  static const char* const names[] = {"baseline", "avx2", "avx512"};
-  return names[kLevel];
-}
+const char* best_lanes_name() { return kNames[kLevel]; }
 
 }  // namespace minicloth

@@ -44,17 +44,17 @@ template <class T>
 struct Workspace {
   std::vector<T> memory;
   Planes<T> now, next;
-  Triangles<T> air;
+  Cells<T> air;
   Edges<T> edges;
   void prepare(const Geometry<T>& g) {
-    memory.assign(27 * g.size + kBlock, T(0));
+    memory.assign(33 * g.size + kBlock, T(0));
     T* p = memory.data();
     p += (64 - reinterpret_cast<std::uintptr_t>(p) % 64) % 64 / sizeof(T);
     const auto take = [&](auto& planes, std::size_t size) {
       for (T*& plane : planes) plane = std::exchange(p, p + size);
     };
     for (auto* s : {&now, &next}) take(s->x, g.size), take(s->v, g.size);
-    take(air.lower, g.size), take(air.upper, g.size);
+    for (auto& corner : air.corner) take(corner, g.size);
     for (auto* e : {&edges.down, &edges.right, &edges.left}) take(*e, g.size);
   }
 };

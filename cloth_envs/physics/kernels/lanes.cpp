@@ -23,8 +23,8 @@ inline void put(T* const (&planes)[3], int i, const V3<T>& v) {
 // and the share of quadratic bending that lies on it, at the vertex that it leaves towards column + 1,
 // row + 1 or a diagonal. It arrives one lane later (along) or about a row later, through memory.
 template <class T, bool kDamping, bool kBending, bool kAir>
-void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, const Planes<T>& out,
-          const Triangles<T>& air, const Edges<T>& edges) {
+void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, const Planes<T>& out, const Cells<T>& air,
+          const Edges<T>& edges) {
   const int s = g.stride;
   const T stretch = p.stretch, shear = p.shear, bend = p.bend, damping = p.damping;
   const T col_length = g.col_length, row_length = g.row_length, diagonal = g.diagonal;
@@ -64,8 +64,8 @@ void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, cons
                    (far(i + 2 * s, down_far + i) + far(i - 2 * s, down_far + i - 2 * s)));
     }
     if constexpr (kAir)
-      f = f + (((at(air.lower, i) + at(air.upper, i)) + (at(air.lower, i - s - 1) + at(air.upper, i - s - 1))) +
-               (at(air.lower, i - s) + at(air.upper, i - 1)));
+      f = f + ((at(air.corner[0], i) + at(air.corner[1], i - 1)) +
+               (at(air.corner[2], i - s - 1) + at(air.corner[3], i - s)));
     const V<T> kick = accelerate * load(inverse_area + i);
     const V3<T> u = {decay * v.x + kick * f.x, decay * v.y + kick * f.y, decay * v.z + (kick * f.z - gravity_kick)};
     put(out.v, i, u);
@@ -73,36 +73,44 @@ void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, cons
   }
 }
 
-// Wind (Wejchert & Haumann 1991) and pressure on the two triangles of each cell.
+// Wind (Wejchert & Haumann 1991) and pressure on the four triangles of each cell that its two diagonals
+// make, each with half its force: a mirrored cloth then feels mirrored air. Corners are numbered 0 upper
+// left, 1 upper right, 2 lower right, 3 lower left; triangle k is the one without corner k.
 template <class T, bool kWind>
-void air(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Triangles<T>& out) {
+void air(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Cells<T>& out) {
   const int s = g.stride;
   const T* cell = g.cell.data();
-  const V3<T> wind = {V<T>{} + p.wind[0], V<T>{} + p.wind[1], V<T>{} + p.wind[2]};
+  const V<T> zero = {};
+  const V3<T> wind3 = {zero + 3 * p.wind[0], zero + 3 * p.wind[1], zero + 3 * p.wind[2]};
+  const T normal = p.normal / 9, tangential = p.tangential / 9;  // for three times the velocity
   for (int i = g.begin; i < g.end; i += kLanes<T>) {
-    const V3<T> x = at(in.x, i), diagonal = at(in.x, i + s + 1) - x;
-    V3<T> v, w;  // upper left velocity, and with the lower right one added, less three times the wind
-    if constexpr (kWind) v = at(in.v, i), w = v + at(in.v, i + s + 1);
-    const V<T> share = load(cell + i) / T(3);
-    // n is the cross product of two sides, twice the area vector; each vertex takes a third of the force.
-    const auto force = [&](const V3<T>& n, int j) __attribute__((always_inline)) {
-      V<T> along = V<T>{} + p.pressure / 2;
+    const V3<T> x = at(in.x, i), right = at(in.x, i + 1) - x, across = at(in.x, i + s + 1) - x;
+    const V3<T> down = at(in.x, i + s) - x;
+    // Cross products of two sides, twice the triangles' area vectors.
+    const V3<T> n1 = cross(down, across), n2 = cross(down, right), n3 = cross(across, right), n0 = (n1 + n3) - n2;
+    const V<T> share = load(cell + i) / T(6);  // a third of half the force to each vertex
+    V3<T> sum;                                 // three times a triangle's velocity is this less the missing corner's
+    if constexpr (kWind) sum = (at(in.v, i) + at(in.v, i + 1)) + (at(in.v, i + s) + at(in.v, i + s + 1)) - wind3;
+    const auto force = [&](const V3<T>& n, int missing) __attribute__((always_inline)) {
+      V<T> along = zero + p.pressure / 2;
       if constexpr (kWind) {
-        const V<T> third = V<T>{} + T(1) / T(3);
-        const V3<T> u = third * (w + at(in.v, j)) - wind;
-        const V<T> square = dot(n, n) + T(1e-30), inverse = rsqrt(square);
-        const V<T> through = dot(n, u) * inverse;  // normal speed
-        const V3<T> slide = u - (through * inverse) * n;
-        const V<T> slide2 = dot(slide, slide) + T(1e-30);
-        const V<T> drag = p.tangential * (square * inverse) * (slide2 * rsqrt(slide2));
-        along -= p.normal * (through < T(0) ? -through : through) * through;
-        return share * (along * n - drag * slide);
+        const V3<T> u = sum - at(in.v, missing);
+        const V<T> square = dot(n, n) + T(1e-30), through = dot(n, u), turn = through * reciprocal(square);
+        const V3<T> slide = u - turn * n;
+        const V<T> product = square * dot(slide, slide) + T(1e-36);
+        const V<T> drag = (tangential * product) * rsqrt(product);
+        along -= (normal * (through < T(0) ? -through : through)) * turn;
+        return along * n - drag * slide;
       } else {
-        return share * (along * n);
+        return along * n;
       }
     };
-    put(out.lower, i, force(cross(at(in.x, i + s) - x, diagonal), i + s));
-    put(out.upper, i, force(cross(diagonal, at(in.x, i + 1) - x), i + 1));
+    const V3<T> f0 = force(n0, i), f1 = force(n1, i + 1), f2 = force(n2, i + s + 1), f3 = force(n3, i + s);
+    const V3<T> all = (f0 + f2) + (f1 + f3);
+    put(out.corner[0], i, share * (all - f0));
+    put(out.corner[1], i, share * (all - f1));
+    put(out.corner[2], i, share * (all - f2));
+    put(out.corner[3], i, share * (all - f3));
   }
 }
 

@@ -10,8 +10,8 @@ struct Planes {  // positions and velocities, padded as Geometry says
 };
 
 template <class T>
-struct Triangles {  // a third of the force on each lower and upper triangle of a cell [N]
-  T *lower[3], *upper[3];
+struct Cells {  // the air's force on the four corners of the cell at its upper left vertex [N]
+  T* corner[4][3];
 };
 
 // Forces of the edges that leave every vertex towards row + 1 and both diagonals; 0 before Geometry::begin.
@@ -47,11 +47,11 @@ struct Check {
 
 template <class T>
 struct Lanes {
-  // One substep of springs, dampers, bending, gravity, drag and listed triangle forces.
+  // One substep of springs, dampers, bending, gravity, drag and the listed forces of the air.
   using Step = void (*)(const Geometry<T>&, const StepTerms<T>&, const Planes<T>& in, const Planes<T>& out,
-                        const Triangles<T>& air, const Edges<T>& edges);
+                        const Cells<T>& air, const Edges<T>& edges);
   Step step[2][2][2];  // [damping][bending][air]
-  using Air = void (*)(const Geometry<T>&, const AirTerms<T>&, const Planes<T>& in, const Triangles<T>& out);
+  using Air = void (*)(const Geometry<T>&, const AirTerms<T>&, const Planes<T>& in, const Cells<T>& out);
   Air air[2];  // [wind]; pressure alone needs no velocities
   void (*contact)(const Geometry<T>&, const BodyStep<T>&, const Planes<T>& in, const Planes<T>& out);
   Check (*check)(const T* x, const T* v, int rows, int cols, T row_length, T col_length, bool periodic);

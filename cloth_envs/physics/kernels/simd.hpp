@@ -74,6 +74,23 @@ inline V<double> rsqrt(V<double> v) {
 #endif
 }
 
+// 1 / v; float: an estimate and one Newton step.
+inline V<float> reciprocal(V<float> v) {
+#if defined(__AVX512F__)
+  const V<float> r = (V<float>)_mm512_rcp14_ps((__m512)v);
+#elif defined(__AVX2__)
+  const V<float> r = (V<float>)_mm256_rcp_ps((__m256)v);
+#elif defined(__SSE2__)
+  const V<float> r = (V<float>)_mm_rcp_ps((__m128)v);
+#else
+  return 1.0f / v;
+#endif
+#if defined(__SSE2__)
+  return r * (2.0f - v * r);
+#endif
+}
+inline V<double> reciprocal(V<double> v) { return 1.0 / v; }
+
 // The lanes of (a, b) one place later: the last of a, then b without its last.
 template <class T>
 inline T late(const T& a, const T& b) {
