@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -30,14 +30,14 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         ValueError: a bad argument; says what to write instead.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "depth_array"], "render_fps": 25}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array", "depth_array"], "render_fps": 25}  # noqa: RUF012
 
     def __init__(self, scene: str, *, render_mode: str | None = None, **options: Any) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise unknown_name("render_mode", render_mode, self.metadata["render_modes"])
         self._world = World(scene, **options)
         self.render_mode = render_mode
-        self.metadata = {**type(self).metadata, "render_fps": round(1 / self.scene.frame_dt)}  # type: ignore[misc]
+        self.metadata = {**type(self).metadata, "render_fps": round(1 / self.scene.frame_dt)}
         self.observation_space = self._world.observation_space
         self.action_space = self._world.action_space
         self._renderer: Any = None

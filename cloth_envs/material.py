@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,8 @@ class Material:
 
     Attributes:
         areal_density: mass per area [kg/m^2].
-        stretch_stiffness: force per width and strain along the threads [N/m].
+        stretch_stiffness: force per width and strain of the threads [N/m]; the shear springs' diagonals
+            add ``shear_stiffness`` (on square cells) to what a strip feels.
         shear_stiffness: force per width and shear angle [N/m].
         bend_stiffness: moment per width and curvature [N m].
         damping: Kelvin-Voigt relaxation time of stretch and shear [s]; an edge of stiffness ``k``
@@ -76,7 +78,7 @@ FABRICS: dict[str, Material] = {
 }
 
 
-def as_material(value: Material | str | Mapping[str, float] | None, default: Material) -> Material:
+def as_material(value: Material | str | Mapping[str, Any] | None, default: Material) -> Material:
     """A ``Material`` from a fabric's name, changes to ``default``, a ``Material`` or nothing.
 
     Raises:

@@ -73,7 +73,7 @@ class World:
         if obs == "keypoints":
             self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
         else:
-            limit = np.repeat(np.float32([POSITION_BOUND, VELOCITY_BOUND]), 3)
+            limit = np.repeat(np.array([POSITION_BOUND, VELOCITY_BOUND], np.float32), 3)
             mesh = np.broadcast_to(limit[:, None, None], (6, *self.scene.grid.shape))
             extras = bound[-len(self.task.extras) :]
             self.observation_space = spaces.Dict(

@@ -50,7 +50,7 @@ print(2 * 1024**3 / best)
 
 def peak_flops() -> float:
     """Floating-point operations a second of one thread [1/s], as a float32 matrix product reaches them."""
-    one = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+    one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     done = subprocess.run(
         [sys.executable, "-c", SGEMM], env={**os.environ, **one}, capture_output=True, text=True, check=True
     )

@@ -56,8 +56,8 @@ def prepare(grid: Grid, term: str, batch: int) -> tuple[Scene, State, Controls]:
     positions[:, 0] = np.linspace(0, grid.width, grid.cols)
     positions[:, 1] = np.linspace(0, grid.height, grid.rows)[:, None]
     positions[:, 2] = 0.02 * np.sin(9 * positions[:, 0]) * np.cos(7 * positions[:, 1])
-    centre = [[[grid.width / 2, grid.height / 2, -0.25]] * 2] * len(scene.colliders)
-    colliders = np.broadcast_to(np.reshape(centre, (1, len(scene.colliders), 2, 3)), (batch, len(scene.colliders), 2, 3))
+    colliders = np.empty((batch, len(scene.colliders), 2, 3))
+    colliders[:] = [grid.width / 2, grid.height / 2, -0.25]
     state = State.still(positions, colliders)
     return scene, state, Controls.hold(state, scene.handles)
 
@@ -96,7 +96,8 @@ def main(argv: list[str] | None = None) -> int:
         options.out.mkdir(parents=True, exist_ok=True)
     repeats = 5 if options.quick else 30
     about = {**header(), "quick": options.quick, "repeats": repeats, "substeps": SUBSTEPS, "dtype": "float32"}
-    print(f"{about['processor']}, {about['cores']} cores, {about['instruction_set']}{', quick' if options.quick else ''}")
+    quick = ", quick" if options.quick else ""
+    print(f"{about['processor']}, {about['cores']} cores, {about['instruction_set']}{quick}")
 
     rows = [measure(size, term, 1, 1, repeats) for size in SIZES for term in TERMS]
     rows += [measure(size, DEFAULT, t, 32, max(2, repeats // 6)) for size in SIZES for t in (1, 2)]
@@ -115,8 +116,8 @@ def main(argv: list[str] | None = None) -> int:
     flops, operations = peak_flops(), TERMS[DEFAULT][2]
     about |= {"peak_flops": flops, "flops_per_vertex": operations, "roofline_ns": operations / flops * 1e9}
     print(
-        f"Roofline, Curtain: {operations} operations a vertex; one thread reaches {flops / 1e9:.0f} Gflop/s in sgemm, so "
-        f"{operations / flops * 1e9:.2f} ns if all were fused pairs; the kernel runs at "
+        f"Roofline, Curtain: {operations} operations a vertex; one thread reaches {flops / 1e9:.0f} Gflop/s in sgemm, "
+        f"so {operations / flops * 1e9:.2f} ns if all were fused pairs; the kernel runs at "
         f"{operations / best / flops * 1e11:.0f} % of that and moves {BYTES / best:.0f} GB/s through the caches"
     )
     if options.out:
