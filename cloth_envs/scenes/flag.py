@@ -7,7 +7,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene, Wind
-from cloth_envs.scenes.task import Episode, Start, Task, draw_gust, drive, gust
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, draw_gust, gust
 from cloth_envs.state import Controls
 
 POLE_SPEED, ACCELERATION = 3.0, 30.0  # m/s at full action, m/s^2
@@ -67,6 +67,7 @@ class Flag(Task):
         super().__init__(scene)
         numbers = np.arange(scene.grid.vertices).reshape(scene.grid.shape)
         sides = (numbers[0, :-1], numbers[:-1, -1], numbers[-1, :0:-1], numbers[::-1, 0])
+        self.drive = Drive([-REACH] * 2, [REACH] * 2, speed=POLE_SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
         self.border = np.concatenate(sides)  # closed: ends where it begins
 
     @classmethod
@@ -92,46 +93,40 @@ class Flag(Task):
             "heading": np.array(heading),
             "speed": np.array(speed),
             "onlooker": np.array([np.cos(aside), np.sin(aside)]),
-            "gust": draw_gust(rng),
-            "backing": draw_gust(rng),
+            "gusts": draw_gust(rng, 2),
         }
         return Start(positions, np.zeros_like(positions), np.zeros((0, 2, 3)), memory)
 
     def wind(self, episode: Episode) -> np.ndarray:
         """The wind now, ``(B, 3)`` [m/s]."""
-        memory, time = episode.memory, episode.state.time
-        speed = memory["speed"] * (1 + GUST * gust(memory["gust"], time))
-        heading = memory["heading"] + BACKING * gust(memory["backing"], time)
-        return np.stack([speed * np.cos(heading), speed * np.sin(heading), np.zeros_like(speed)], 1)
+        memory = episode.memory
+        blow = gust(memory["gusts"], episode.state.time[:, None, None])
+        speed = memory["speed"] * (1.0 + GUST * blow[:, 0])
+        heading = memory["heading"] + BACKING * blow[:, 1]
+        wind = np.zeros((len(speed), 3))
+        wind[:, 0], wind[:, 1] = speed * np.cos(heading), speed * np.sin(heading)
+        return wind
 
     def controls(self, episode: Episode) -> Controls:
+        state = episode.state
+        moved, speed = self.drive(state.positions[:, :2, 0, 0], state.velocities[:, :2, 0, 0], episode.action)
         controls = self.hold(episode)
-        foot = controls.handle_positions[:, 0, :2]
-        reached, speed = drive(
-            foot,
-            episode.state.velocities[:, :2, 0, 0],
-            POLE_SPEED * episode.action,
-            low=-REACH,
-            high=REACH,
-            acceleration=ACCELERATION,
-            dt=self.frame_dt,
-        )
-        controls.handle_positions[:, :, :2] += (reached - foot)[:, None]
+        controls.handle_positions[:, :, :2] += moved[:, None]
         controls.handle_velocities[:, :, :2] = speed[:, None]
         controls.wind = self.wind(episode)
         return controls
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
-        pole = [state.positions[:, :2, 0, 0], state.velocities[:, :2, 0, 0]]
-        return np.concatenate([*pole, state.wind[:, :2], episode.memory["onlooker"]], 1)
+        extras = np.empty((state.batch, 8), np.float32)
+        extras[:, :2], extras[:, 2:4] = state.positions[:, :2, 0, 0], state.velocities[:, :2, 0, 0]
+        extras[:, 4:6], extras[:, 6:] = state.wind[:, :2], episode.memory["onlooker"]
+        return extras
 
     def reward(self, episode: Episode) -> np.ndarray:
-        x = episode.cloth.take(self.border, 2)
-        # Half the sum of x cross dx around the border is the area vector of any surface inside it.
-        middle, edge = x[:, :, 1:] + x[:, :, :-1], x[:, :, 1:] - x[:, :, :-1]
-        area_x = (middle[:, 1] * edge[:, 2] - middle[:, 2] * edge[:, 1]).sum(1)
-        area_y = (middle[:, 2] * edge[:, 0] - middle[:, 0] * edge[:, 2]).sum(1)
-        towards = episode.memory["onlooker"]
-        shown = 0.25 * np.abs(area_x * towards[:, 0] + area_y * towards[:, 1])
-        return np.minimum(shown / (self.scene.grid.height * self.scene.grid.width), 1.0)
+        # What the onlooker sees of the border: `aside` to his left, z up. Its enclosed area by the shoelace sum.
+        x, towards = episode.cloth.take(self.border, 2).astype(np.float64), episode.memory["onlooker"]
+        aside = x[:, 1] * towards[:, :1] - x[:, 0] * towards[:, 1:]
+        z = x[:, 2]
+        area = 0.5 * (aside[:, :-1] * z[:, 1:] - aside[:, 1:] * z[:, :-1]).sum(1)
+        return np.minimum(np.abs(area) / (self.scene.grid.height * self.scene.grid.width), 1.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
@@ -92,8 +93,8 @@ class Task(ABC):
     def hold(self, episode: Episode) -> Controls:
         """Controls that bring every handle and body to rest where it is now; a scene changes what it drives."""
         state, batch = episode.state, len(episode.action)
-        at = np.array(episode.cloth[:, :, self.handles].transpose(0, 2, 1), dtype=np.float64, order="C")
-        bodies = np.array(state.colliders, dtype=np.float64)
+        at = episode.cloth.take(self.handles, 2).transpose(0, 2, 1).astype(np.float64, order="C")
+        bodies = state.colliders.astype(np.float64)
         return Controls(
             handle_positions=at,
             handle_velocities=np.zeros(at.shape),
@@ -102,6 +103,14 @@ class Task(ABC):
             wind=np.zeros((batch, 3)),
             pressure=np.zeros(batch),
         )
+
+    def middle(self, episode: Episode) -> np.ndarray:
+        """Mean position of the keypoints, ``(B, 3)`` [m]."""
+        return mean(episode.cloth.take(self.keypoints, 2))
+
+    def middle_velocity(self, episode: Episode) -> np.ndarray:
+        """Mean velocity of the keypoints, ``(B, 3)`` [m/s]."""
+        return mean(episode.cloth_velocity.take(self.keypoints, 2))
 
     @abstractmethod
     def observe(self, episode: Episode) -> np.ndarray:
@@ -112,35 +121,55 @@ class Task(ABC):
         """``(B,)`` in [0, 1]."""
 
 
+TENTH = float(np.log(0.1))
+
+
 def tolerance(error: np.ndarray, margin: float) -> np.ndarray:
     """1 where ``error`` is 0, falling as a Gaussian to 0.1 where it is ``margin``."""
-    return np.exp(np.log(0.1) * np.square(error / margin))
+    return np.exp(error * error * (TENTH / margin**2))
 
 
-BRAKE = 0.1  # s, driven things slow down over this time as they near the edge of their box
+def mean(values: np.ndarray) -> np.ndarray:
+    """Mean over the last axis; a third of ``numpy.mean``'s cost for a few numbers."""
+    return np.add.reduce(values, -1) * (1.0 / values.shape[-1])
 
 
-def drive(
-    position: np.ndarray,
-    velocity: np.ndarray,
-    target: np.ndarray,
-    *,
-    low: np.ndarray | float,
-    high: np.ndarray | float,
-    acceleration: float,
-    dt: float,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity at the end of a frame in which the velocity ramps linearly towards ``target``.
+class Drive:
+    """Moves something by an action: a wanted velocity, limited acceleration, a box it can't leave.
 
-    The velocity changes by no more than ``acceleration * dt``. Nothing leaves the box ``low..high``: the
-    speed towards a side is at most the distance to it over ``BRAKE``, which ``acceleration`` of at least
-    the top speed over ``BRAKE`` can follow. All arrays ``(B, n)`` or broadcastable, in m, m/s, m/s^2.
+    The velocity ramps linearly through a frame and changes by at most ``acceleration * dt``. The speed
+    towards a side of the box is at most the distance to it over ``BRAKE``, so it slows down in time.
+
+    Args:
+        low, high: the box [m], ``n`` numbers. speed: at full action [m/s], one or ``n`` numbers.
+        acceleration: [m/s^2]; at least ``speed / BRAKE``. dt: frame [s].
     """
-    upper, lower = np.maximum((high - position) / BRAKE, 0.0), np.minimum((low - position) / BRAKE, 0.0)
-    aim = np.minimum(np.maximum(target, lower), upper)
-    change = acceleration * dt
-    reached = np.minimum(np.maximum(aim, velocity - change), velocity + change)
-    return position + 0.5 * dt * (velocity + reached), reached
+
+    BRAKE = 0.1  # s
+
+    def __init__(
+        self,
+        low: Sequence[float],
+        high: Sequence[float],
+        *,
+        speed: float | Sequence[float],
+        acceleration: float,
+        dt: float,
+    ) -> None:
+        # Arrays of shape (1, n): NumPy is three times faster on equal shapes than when it must broadcast.
+        self.low, self.high = np.array([low], float), np.array([high], float)
+        self.none = np.zeros_like(self.low)
+        self.speed, self.change = self.none + speed, self.none + acceleration * dt
+        self.urgency, self.half = self.none + 1.0 / self.BRAKE, self.none + 0.5 * dt
+
+    def __call__(self, position: np.ndarray, velocity: np.ndarray, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far it moves in the frame [m] and its velocity at the end [m/s]; all arrays ``(B, n)``."""
+        position, velocity = position.astype(np.float64), velocity.astype(np.float64)
+        upper = np.maximum((self.high - position) * self.urgency, self.none)
+        lower = np.minimum((self.low - position) * self.urgency, self.none)
+        wanted = np.minimum(np.maximum(action * self.speed, lower), upper)
+        reached = np.minimum(np.maximum(wanted, velocity - self.change), velocity + self.change)
+        return self.half * (velocity + reached), reached
 
 
 def grip(grid: Grid, row: int, col: int, radius: float = 0.04) -> tuple[int, ...]:
@@ -168,11 +197,12 @@ def bow(cells: int, ratio: float) -> np.ndarray:
 GUST_TONES = 4
 
 
-def draw_gust(rng: np.random.Generator) -> np.ndarray:
-    """Frequencies [rad/s] and phases of a gust, ``(2, GUST_TONES)``."""
-    return np.stack([2 * np.pi * rng.uniform(0.15, 1.2, GUST_TONES), rng.uniform(0, 2 * np.pi, GUST_TONES)])
+def draw_gust(rng: np.random.Generator, signals: int = 1) -> np.ndarray:
+    """Frequencies [rad/s] and phases of independent signals, ``(2, signals, GUST_TONES)``."""
+    shape = (signals, GUST_TONES)
+    return np.stack([2 * np.pi * rng.uniform(0.15, 1.2, shape), rng.uniform(0, 2 * np.pi, shape)])
 
 
 def gust(tones: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """A smooth signal in [-1, 1] at ``time`` ``(B,)`` from ``tones`` ``(B, 2, GUST_TONES)``."""
-    return np.sin(tones[:, 0] * time[:, None] + tones[:, 1]).mean(1)
+    """Smooth signals in [-1, 1], ``(B, signals)``, at ``time`` ``(B, 1, 1)`` or ``(B, signals, 1)`` from ``tones``."""
+    return mean(np.sin(tones[:, 0] * time + tones[:, 1]))

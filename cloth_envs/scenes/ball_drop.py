@@ -1,0 +1,118 @@
+"""BallDrop: a ball on the ground catches a falling cloth."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+from cloth_envs.scene import Collider, Scene
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, tolerance
+from cloth_envs.state import Controls
+
+RADIUS = 0.3  # m
+CENTRE = 0.45  # m, height of the ball's centre above the ground
+SPEED, ACCELERATION = 1.5, 20.0  # m/s at full action, m/s^2
+REACH = 1.0  # m, the ball stays within this of its start
+DROP = (1.0, 1.2)  # m, starting height of the cloth above the ground
+OFFSET = 0.35  # m, largest starting distance of the cloth's middle from the ball's axis
+DRIFT = 0.3  # m/s, largest starting velocity along x and y
+WAVE = 0.02  # m, largest starting waves
+HELD = 0.5  # m, mean height from which on the cloth counts as held up
+MARGIN = 0.35  # m
+
+
+class BallDrop(Task):
+    """
+    ## Description
+    A flat cloth of 1 x 1 m falls from about a metre. Move the ball below it so that the cloth drapes
+    over the ball, centred; a missed cloth ends on the ground.
+
+    ## Action Space
+    `Box(-1, 1, (2,))`: velocity of the ball along x and y, +-1 is 1.5 m/s. The ball (radius 0.3 m, centre
+    0.45 m above the ground) stays in a square of +-1 m.
+
+    ## Observation Space
+    `obs="keypoints"`: positions, then velocities of a 5 x 5 lattice of vertices (75 + 75 numbers), then the
+    ball's x, y and its velocity, the cloth's middle (mean of the keypoints) and its velocity.
+    `obs="mesh"`: the geometry image and the same extras.
+
+    ## Rewards
+    `tolerance(distance of the middle from the ball's axis, 0.35 m) * held`, in [0, 1]; held is the middle's height over
+    0.5 m, at most 1.
+
+    ## Starting State
+    Level with small waves, 1.0-1.2 m above the ground, turned at random, drifting, its middle up to 0.35 m
+    beside the ball's axis.
+
+    ## Episode End
+    Truncated after 200 frames (4 s). Terminated when the simulation fails (`info["failure"]`).
+
+    ## Arguments
+    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `render_mode`: see `ClothEnv`.
+
+    ## What Is Modelled
+    Springs, damping, bending, gravity, drag by still air, contact and friction with the ball and the
+    ground. No self-contact: folds can pass through each other. The ball slides, it doesn't roll.
+
+    ## Version History
+    v0: first version.
+    """
+
+    size = (1.0, 1.0)
+    resolution = (65, 65)
+    frame_dt = 0.02
+    actions = ("ball velocity x", "ball velocity y")
+    lattice = (5, 5)
+    extras = (
+        *("ball x", "ball y", "ball vx", "ball vy"),
+        *("middle x", "middle y", "middle z", "middle vx", "middle vy", "middle vz"),
+    )
+    extras_bound = 50.0
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self.drive = Drive([-REACH] * 2, [REACH] * 2, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
+
+    @classmethod
+    def build_scene(cls, grid: Grid, material: Material) -> Scene:
+        bodies = (Collider("sphere", RADIUS, 0.5, "ball"), Collider("plane", 0.0, 0.5, "ground"))
+        return Scene("BallDrop", grid, material, cls.frame_dt, colliders=bodies)
+
+    def start(self, rng: np.random.Generator) -> Start:
+        grid = self.scene.grid
+        v, u = (np.linspace(-0.5, 0.5, n)[:, None] * s for n, s in zip(grid.shape, self.size, strict=True))
+        yaw, side = rng.uniform(-np.pi, np.pi, 2)
+        away = OFFSET * np.sqrt(rng.uniform())
+        flat_x, flat_y = u.T + 0 * v, -v + 0 * u.T
+        positions = np.empty((3, *grid.shape))
+        positions[0] = np.cos(yaw) * flat_x - np.sin(yaw) * flat_y + away * np.cos(side)
+        positions[1] = np.sin(yaw) * flat_x + np.cos(yaw) * flat_y + away * np.sin(side)
+        phase = rng.uniform(-np.pi, np.pi, 2)
+        positions[2] = rng.uniform(*DROP)
+        positions[2] += rng.uniform(0, WAVE) * np.cos(2 * np.pi * u.T + phase[0]) * np.cos(2 * np.pi * v + phase[1])
+        velocities = np.zeros_like(positions)
+        velocities[:2] = rng.uniform(-DRIFT, DRIFT, 2)[:, None, None]
+        ball, ground = [[0.0, 0.0, CENTRE]] * 2, [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+        return Start(positions, velocities, np.array([ball, ground]))
+
+    def controls(self, episode: Episode) -> Controls:
+        state = episode.state
+        moved, speed = self.drive(state.colliders[:, 0, 0, :2], state.collider_velocities[:, 0, 0, :2], episode.action)
+        controls = self.hold(episode)
+        controls.colliders[:, 0, :, :2] += moved[:, None]
+        controls.collider_velocities[:, 0, :, :2] = speed[:, None]
+        return controls
+
+    def observe(self, episode: Episode) -> np.ndarray:
+        state = episode.state
+        extras = np.empty((state.batch, 10), np.float32)
+        extras[:, :2], extras[:, 2:4] = state.colliders[:, 0, 0, :2], state.collider_velocities[:, 0, 0, :2]
+        extras[:, 4:7], extras[:, 7:] = self.middle(episode), self.middle_velocity(episode)
+        return extras
+
+    def reward(self, episode: Episode) -> np.ndarray:
+        middle = self.middle(episode)
+        away = middle[:, :2] - episode.state.colliders[:, 0, 0, :2]
+        held = np.minimum(np.maximum(middle[:, 2] / HELD, 0.0), 1.0)
+        return tolerance(np.sqrt((away * away).sum(1)), MARGIN) * held

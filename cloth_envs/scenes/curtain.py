@@ -1,0 +1,129 @@
+"""Curtain: a curtain on rings is drawn to a target opening and calmed."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+from cloth_envs.scene import Scene
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, bow, mean, tolerance
+from cloth_envs.state import Controls
+
+RINGS = 7
+SPEED = (0.5, 0.6)  # m/s at full action: lead ring along the rail, rail across
+LOW, HIGH = (0.35, -0.3), (0.95, 0.3)  # m, box of the lead ring
+ACCELERATION = 15.0  # m/s^2
+TARGET = (0.4, 0.9)  # covered fraction of a window as wide as the flat curtain
+APART = 0.2  # least difference of the target from the starting opening
+SWING = 1.2  # m/s, largest starting speed of the hem
+COVER_MARGIN, CALM_MARGIN = 0.3, 0.5  # fraction, m/s
+
+
+class Curtain(Task):
+    """
+    ## Description
+    A curtain 1.0 m wide and 1.5 m tall hangs by seven rings from a rail along x. The first ring is
+    fixed to the wall at x = 0, the last (lead) ring is pulled along the rail and the others space out
+    between them. The rail sways across. Cover a target fraction of the 1 m window and calm the curtain.
+
+    ## Action Space
+    `Box(-1, 1, (2,))`: velocity of the lead ring along the rail, +-1 is 0.5 m/s, and of the rail across
+    (y), +-1 is 0.6 m/s. The lead ring stays in 0.35-0.95 m, the rail within +-0.3 m of y = 0.
+
+    ## Observation Space
+    `obs="keypoints"`: positions, then velocities of a 5 x 4 lattice of vertices (60 + 60 numbers), then the
+    lead ring's x, y and its velocity, the covered and the target fraction.
+    `obs="mesh"`: the geometry image and the same extras.
+
+    ## Rewards
+    `tolerance(covered - target, 0.3) * (1 + 3 * tolerance(swing, 0.5 m/s)) / 4` in [0, 1]. Covered is the mean
+    x-distance from the first to the last column (five keypoint rows) over 1 m; swing is the
+    root-mean-square y-velocity of the keypoints.
+
+    ## Starting State
+    Hanging in pleats at rest length with a random opening, target and a random swing that grows
+    towards the hem.
+
+    ## Episode End
+    Truncated after 200 frames (8 s). Terminated when the simulation fails (`info["failure"]`).
+
+    ## Arguments
+    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `render_mode`: see `ClothEnv`.
+
+    ## What Is Modelled
+    Springs, damping, bending, gravity, drag by still air, rings. No self-contact: neighbouring pleats can pass through
+    each other. No friction of rings on the rail.
+
+    ## Version History
+    v0: first version.
+    """
+
+    size = (1.5, 1.0)
+    resolution = (73, 49)
+    frame_dt = 0.04
+    actions = ("lead ring velocity x", "rail velocity y")
+    lattice = (5, 4)
+    extras = ("lead x", "rail y", "lead vx", "rail vy", "covered", "target")
+    extras_bound = 20.0
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self.columns = self.handles % scene.grid.cols
+        share = self.columns / (scene.grid.cols - 1)
+        self.follow = np.stack([share, np.ones(len(share))], 1)[None]  # of the lead ring's x, y
+        self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
+        edges = self.keypoints.reshape(self.lattice)
+        self.first, self.last = edges[:, 0], edges[:, -1]
+
+    @classmethod
+    def build_scene(cls, grid: Grid, material: Material) -> Scene:
+        rings = min(RINGS, (grid.cols + 1) // 2)  # at least two cells a pleat
+        columns = np.linspace(0, grid.cols - 1, rings).round().astype(int)
+        return Scene("Curtain", grid, material, cls.frame_dt, handles=tuple(columns.tolist()))
+
+    def start(self, rng: np.random.Generator) -> Start:
+        grid = self.scene.grid
+        opening, target = rng.uniform(LOW[0], HIGH[0]), rng.uniform(TARGET[0], TARGET[1] - 2 * APART)
+        if target > opening - APART:
+            target += 2 * APART
+        swing = rng.uniform(-SWING, SWING)
+        side = rng.choice([-1.0, 1.0])
+        positions = np.empty((3, *grid.shape))
+        for i, (begin, end) in enumerate(pairwise(self.columns)):
+            along, across = grid.col_spacing * bow(end - begin, opening)
+            positions[0, :, begin : end + 1] = opening * begin * grid.col_spacing + along
+            positions[1, :, begin : end + 1] = (-1) ** i * side * across
+        depth = np.linspace(0.0, 1.0, grid.rows)[:, None]
+        positions[2] = -grid.height * depth
+        velocities = np.zeros_like(positions)
+        velocities[1] = swing * depth
+        return Start(positions, velocities, np.zeros((0, 2, 3)), {"target": np.array(target)})
+
+    def controls(self, episode: Episode) -> Controls:
+        state = episode.state
+        moved, speed = self.drive(state.positions[:, :2, 0, -1], state.velocities[:, :2, 0, -1], episode.action)
+        controls = self.hold(episode)
+        controls.handle_positions[:, :, :2] += moved[:, None] * self.follow
+        controls.handle_velocities[:, :, :2] = speed[:, None] * self.follow
+        return controls
+
+    def covered(self, episode: Episode) -> np.ndarray:
+        """Covered fraction of the window, ``(B,)``."""
+        x = episode.cloth[:, 0]
+        return mean(x.take(self.last, 1) - x.take(self.first, 1)) * (1.0 / self.scene.grid.width)
+
+    def observe(self, episode: Episode) -> np.ndarray:
+        state = episode.state
+        extras = np.empty((state.batch, 6), np.float32)
+        extras[:, :2], extras[:, 2:4] = state.positions[:, :2, 0, -1], state.velocities[:, :2, 0, -1]
+        extras[:, 4], extras[:, 5] = self.covered(episode), episode.memory["target"]
+        return extras
+
+    def reward(self, episode: Episode) -> np.ndarray:
+        sway = episode.cloth_velocity[:, 1].take(self.keypoints, 1)
+        swing = np.sqrt(mean(sway * sway))
+        cover = tolerance(self.covered(episode) - episode.memory["target"], COVER_MARGIN)
+        return cover * (0.25 + 0.75 * tolerance(swing, CALM_MARGIN))

@@ -1,0 +1,127 @@
+"""Hanging: a cloth held by one corner is carried to a place and brought to rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+from cloth_envs.scene import Scene
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, draw_gust, grip, gust, mean, tolerance
+from cloth_envs.state import Controls
+
+SPEED = 1.5  # m/s of the corner at full action
+LOW, HIGH = (-0.8, -0.8, -0.4), (0.8, 0.8, 0.4)  # m, box of the corner
+ACCELERATION = 15.0  # m/s^2
+GOAL_LOW, GOAL_HIGH = (-0.6, -0.6, -0.2), (0.6, 0.6, 0.2)  # m, corner above the goal
+HANG = 0.79  # m, depth of the cloth's middle below the corner when it hangs at rest
+BREEZE = 0.15  # Pa, a twelfth of the cloth's weight
+WRAP = (0.6, 0.85)  # of a full turn, how far the starting cone closes
+SWING = 1.0  # rad/s, largest starting rate of swinging
+PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
+
+
+class Hanging(Task):
+    """
+    ## Description
+    A cloth of 1 x 1 m hangs by one corner in a light random breeze. Carry the corner so that the
+    middle of the cloth comes to rest at a goal.
+
+    ## Action Space
+    `Box(-1, 1, (3,))`: velocity of the corner, +-1 is 1.5 m/s along x, y, z. The corner stays within 0.8 m
+    (x, y) and 0.4 m (z) of where it started.
+
+    ## Observation Space
+    `obs="keypoints"`: positions, then velocities of a 4 x 4 lattice of vertices (48 + 48 numbers), then the
+    corner's position and velocity, the middle's position and velocity (mean of the keypoints), the goal, the breeze.
+    `obs="mesh"`: the geometry image and the same extras.
+
+    ## Rewards
+    `tolerance(distance of middle to goal, 0.5 m) * (1 + 3 * tolerance(speed, 1 m/s)) / 4`, in [0, 1]; speed is the
+    root-mean-square speed of the keypoints.
+
+    ## Starting State
+    The cloth is wrapped on a cone below its corner, at rest length, turned at random and swinging as a
+    whole. The goal is random.
+
+    ## Episode End
+    Truncated after 250 frames (5 s). Terminated when the simulation fails (`info["failure"]`).
+
+    ## Arguments
+    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `render_mode`: see `ClothEnv`.
+
+    ## What Is Modelled
+    Springs, damping, bending, gravity, drag by still air, the breeze as a small pressure along the normals.
+    No self-contact: folds can pass through each other.
+
+    ## Version History
+    v0: first version.
+    """
+
+    size = (1.0, 1.0)
+    resolution = (65, 65)
+    frame_dt = 0.02
+    actions = ("corner velocity x", "corner velocity y", "corner velocity z")
+    lattice = (4, 4)
+    extras = (
+        *("corner x", "corner y", "corner z", "corner vx", "corner vy", "corner vz"),
+        *("middle x", "middle y", "middle z", "middle vx", "middle vy", "middle vz"),
+        *("goal x", "goal y", "goal z", "breeze"),
+    )
+    extras_bound = 50.0
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
+
+    @classmethod
+    def build_scene(cls, grid: Grid, material: Material) -> Scene:
+        return Scene("Hanging", grid, material, cls.frame_dt, handles=grip(grid, 0, 0), pressure=True)
+
+    def start(self, rng: np.random.Generator) -> Start:
+        grid = self.scene.grid
+        v, u = np.meshgrid(*(np.linspace(0.0, s, n) for s, n in zip(self.size, grid.shape, strict=True)), indexing="ij")
+        distance, angle = np.hypot(u, v), np.arctan2(v, u) - np.pi / 4
+        # A quarter sheet around its corner covers `wrap` of a cone: isometric, folded nowhere.
+        sine = 0.25 / rng.uniform(*WRAP)
+        across, turn = distance * sine, angle / sine
+        cone = np.stack([across * np.cos(turn), across * np.sin(turn), -distance * np.sqrt(1 - sine**2)])
+        x, _, z = cone.mean((1, 2))
+        tilt, yaw = np.arctan2(x, -z), rng.uniform(-np.pi, np.pi)  # the middle hangs below the corner
+        positions = _turn(yaw, 0, 1) @ _turn(tilt, 2, 0) @ cone.reshape(3, -1)
+        rate = np.append(rng.uniform(-SWING, SWING, 2), 0.0)
+        memory = {"goal": rng.uniform(GOAL_LOW, GOAL_HIGH) - [0.0, 0.0, HANG], "tones": draw_gust(rng)}
+        velocities = np.cross(rate, positions, axisb=0, axisc=0)
+        shape = (3, *grid.shape)
+        return Start(positions.reshape(shape), velocities.reshape(shape), np.zeros((0, 2, 3)), memory)
+
+    def controls(self, episode: Episode) -> Controls:
+        state = episode.state
+        moved, speed = self.drive(state.positions[:, :, 0, 0], state.velocities[:, :, 0, 0], episode.action)
+        controls = self.hold(episode)
+        controls.handle_positions += moved[:, None]
+        controls.handle_velocities += speed[:, None]
+        controls.pressure = BREEZE * gust(episode.memory["tones"], state.time[:, None, None])[:, 0]
+        return controls
+
+    def observe(self, episode: Episode) -> np.ndarray:
+        state = episode.state
+        extras = np.empty((state.batch, 16), np.float32)
+        extras[:, :3], extras[:, 3:6] = state.positions[:, :, 0, 0], state.velocities[:, :, 0, 0]
+        extras[:, 6:9], extras[:, 9:12] = self.middle(episode), self.middle_velocity(episode)
+        extras[:, 12:15], extras[:, 15] = episode.memory["goal"], state.pressure
+        return extras
+
+    def reward(self, episode: Episode) -> np.ndarray:
+        away = self.middle(episode) - episode.memory["goal"]
+        velocity = episode.cloth_velocity.take(self.keypoints, 2).reshape(len(away), -1)
+        distance, speed = np.sqrt((away * away).sum(1)), np.sqrt(3.0 * mean(velocity * velocity))
+        return tolerance(distance, PLACE_MARGIN) * (0.25 + 0.75 * tolerance(speed, CALM_MARGIN))
+
+
+def _turn(angle: float, first: int, second: int) -> np.ndarray:
+    """Rotation by ``angle`` [rad] from axis ``first`` towards axis ``second``."""
+    matrix = np.eye(3)
+    matrix[[first, second], [first, second]] = np.cos(angle)
+    matrix[second, first], matrix[first, second] = np.sin(angle), -np.sin(angle)
+    return matrix

@@ -1,0 +1,105 @@
+"""Pressure: a pinned sheet is inflated so that its apex follows a moving height."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+from cloth_envs.scene import Scene
+from cloth_envs.scenes.task import Episode, Start, Task, draw_gust, gust, tolerance
+from cloth_envs.state import Controls
+
+FULL_PRESSURE = 40.0  # Pa
+PUMP = 0.06  # s, time in which the pressure approaches the wanted one
+TARGET_HEIGHT = 0.15  # m, times a gust signal in [-1, 1]
+PREVIEW = np.array([[[0.0], [0.1]]])  # s, the target is shown now and ahead
+MARGIN = 0.05  # m
+BULGE = 0.04  # m, largest starting apex height
+
+
+class Pressure(Task):
+    """
+    ## Description
+    A sheet of 1 x 1 m is pinned along its border, like a drum. A pump sets the pressure below it.
+    Make the middle of the sheet follow a height that moves smoothly up and down.
+
+    ## Action Space
+    `Box(-1, 1, (1,))`: the pressure that the pump aims at, +-1 is 40 Pa (+ lifts the sheet; its weight
+    is about 2 Pa). The pump needs 0.06 s to get there.
+
+    ## Observation Space
+    `obs="keypoints"`: positions, then velocities of a 5 x 5 lattice of vertices (75 + 75 numbers), then apex
+    height and velocity, pressure over 40 Pa, the target height now and in 0.1 s.
+    `obs="mesh"`: the geometry image and the same extras.
+
+    ## Rewards
+    `tolerance(apex - target, 0.05 m)`, in [0, 1].
+
+    ## Starting State
+    A smooth bulge at rest, up to 4 cm up or down, no pressure. The target is a sum of four random tones of
+    0.15-1.2 Hz.
+
+    ## Episode End
+    Truncated after 250 frames (5 s). Terminated when the simulation fails (`info["failure"]`).
+
+    ## Arguments
+    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `render_mode`: see `ClothEnv`.
+
+    ## What Is Modelled
+    Springs, damping, bending, gravity, drag by still air, pressure along the normals, pinned border. The
+    air itself (its mass and flow) is only drag.
+
+    ## Version History
+    v0: first version.
+    """
+
+    size = (1.0, 1.0)
+    resolution = (65, 65)
+    frame_dt = 0.02
+    actions = ("pressure",)
+    lattice = (5, 5)
+    extras = ("apex z", "apex vz", "pressure", "target z", "target z soon")
+    extras_bound = 50.0
+    material = Material(drag=4.0)  # a sheet moves far more air along than a free cloth
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self.apex = scene.grid.index(scene.grid.rows // 2, scene.grid.cols // 2)
+
+    @classmethod
+    def build_scene(cls, grid: Grid, material: Material) -> Scene:
+        border = np.ones(grid.shape, dtype=bool)
+        border[1:-1, 1:-1] = False
+        pins = tuple(np.flatnonzero(border).tolist())
+        return Scene("Pressure", grid, material, cls.frame_dt, handles=pins, pressure=True)
+
+    def start(self, rng: np.random.Generator) -> Start:
+        grid = self.scene.grid
+        v, u = (np.linspace(0.0, 1.0, n) for n in grid.shape)
+        positions = np.empty((3, *grid.shape))
+        positions[0] = (u - 0.5) * grid.width
+        positions[1] = (0.5 - v)[:, None] * grid.height
+        positions[2] = rng.uniform(-BULGE, BULGE) * np.outer(np.sin(np.pi * v), np.sin(np.pi * u))
+        return Start(positions, np.zeros_like(positions), np.zeros((0, 2, 3)), {"tones": draw_gust(rng)})
+
+    def controls(self, episode: Episode) -> Controls:
+        controls = self.hold(episode)
+        now = episode.state.pressure
+        controls.pressure = now + self.frame_dt / PUMP * (FULL_PRESSURE * episode.action[:, 0] - now)
+        return controls
+
+    def target(self, episode: Episode) -> np.ndarray:
+        """The wanted apex height now and in 0.1 s, ``(B, 2)`` [m]."""
+        return TARGET_HEIGHT * gust(episode.memory["tones"], episode.state.time[:, None, None] + PREVIEW)
+
+    def observe(self, episode: Episode) -> np.ndarray:
+        extras = np.empty((episode.state.batch, 5), np.float32)
+        extras[:, 0] = episode.cloth[:, 2, self.apex]
+        extras[:, 1] = episode.cloth_velocity[:, 2, self.apex]
+        extras[:, 2] = episode.state.pressure / FULL_PRESSURE
+        extras[:, 3:] = self.target(episode)
+        return extras
+
+    def reward(self, episode: Episode) -> np.ndarray:
+        return tolerance(episode.cloth[:, 2, self.apex] - self.target(episode)[:, 0], MARGIN)

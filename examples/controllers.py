@@ -1,0 +1,109 @@
+"""A simple controller for every scene, from the default observation to the action, and what it earns.
+
+Run ``python examples/controllers.py`` for the table of docs/scenes.md. Observations may be batched: the
+task's numbers are the last ones, after positions and velocities of the keypoints.
+"""
+
+from __future__ import annotations
+
+import argparse
+
+import gymnasium as gym
+import numpy as np
+
+import cloth_envs
+
+
+def curtain(obs: np.ndarray) -> np.ndarray:
+    """Pull the lead ring to the target; move the rail against the curtain's velocity, which damps a pendulum."""
+    rail, covered, target = obs[..., -5], obs[..., -2], obs[..., -1]
+    sway = obs[..., 60 + 28 : 60 + 40].mean(-1)  # y velocity of the lower three keypoint rows
+    return np.stack([3 * (target - covered), -5 * (0.15 * sway + rail)], -1)
+
+
+def flag(obs: np.ndarray) -> np.ndarray:
+    """Sweep to and fro across the line of sight; turn round near the edge or when going nowhere."""
+    pole, velocity, onlooker = obs[..., -8:-6], obs[..., -6:-4], obs[..., -2:]
+    across = np.stack([-onlooker[..., 1], onlooker[..., 0]], -1)
+    reach = 1.2 / np.abs(across).max(-1)
+    place, speed = (pole * across).sum(-1), (velocity * across).sum(-1)
+    way = np.where(np.abs(place) > reach, -np.sign(place), np.where(speed < 0, -1.0, 1.0))
+    return across * way[..., None] / np.abs(across).max(-1, keepdims=True)
+
+
+def collision(obs: np.ndarray) -> np.ndarray:
+    """Move the ball to the goal."""
+    return 3 * (obs[..., -3:] - obs[..., -9:-6])
+
+
+def pressure(obs: np.ndarray) -> np.ndarray:
+    """The pressure that holds the height wanted in 0.05 s (it grows as the cube), and damping."""
+    _, velocity, _, target, soon = np.moveaxis(obs[..., -5:], -1, 0)
+    wanted_velocity = (soon - target) / 0.1
+    return (0.05 + 560 * (0.5 * (target + soon)) ** 3 + 0.03 * (wanted_velocity - velocity))[..., None]
+
+
+def hanging(obs: np.ndarray) -> np.ndarray:
+    """Bring the corner above the goal, leaning against the swing of the middle, which damps it."""
+    corner, middle, velocity, goal = obs[..., -16:-13], obs[..., -10:-7], obs[..., -7:-4], obs[..., -4:-1]
+    error = goal - 0.2 * velocity - corner
+    error[..., 2] = (goal - middle)[..., 2]
+    return 1.3 * error
+
+
+def ball_drop(obs: np.ndarray) -> np.ndarray:
+    """Run below the middle of the cloth while it falls, then stand still."""
+    ball, middle, velocity = obs[..., -10:-8], obs[..., -6:-3], obs[..., -3:-1]
+    falling = (middle[..., 2:] > 0.65) * 1.0
+    return falling * (8 * (middle[..., :2] - ball) + velocity / 1.5)
+
+
+CONTROLLERS = {
+    "Curtain": curtain,
+    "Flag": flag,
+    "Collision": collision,
+    "Pressure": pressure,
+    "Hanging": hanging,
+    "BallDrop": ball_drop,
+}
+
+
+def evaluate(scene: str, policy: str, *, episodes: int, frames: int | None = None) -> np.ndarray:
+    """Mean reward per frame of ``episodes`` seeds under ``"zero"``, ``"random"`` or ``"controller"``."""
+    frames = frames or cloth_envs.EPISODE_FRAMES[scene]
+    env = gym.make(cloth_envs.env_id(scene), disable_env_checker=True)
+    returns = np.zeros(episodes)
+    for seed in range(episodes):
+        obs, _ = env.reset(seed=seed)
+        rng = np.random.default_rng(seed)
+        for _ in range(frames):
+            action = np.zeros(env.action_space.shape)
+            if policy == "random":
+                action = rng.uniform(-1, 1, action.shape)
+            elif policy == "controller":
+                action = np.clip(CONTROLLERS[scene](obs), -1, 1)
+            obs, reward, terminated, truncated, _ = env.step(action)
+            returns[seed] += reward / frames
+            if terminated or truncated:
+                break
+    env.close()
+    return returns
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--episodes", type=int, default=10)
+    parser.add_argument("scenes", nargs="*", default=list(CONTROLLERS))
+    options = parser.parse_args()
+    policies = ("zero", "random", "controller")
+    print("| scene | " + " | ".join(policies) + " |\n|---|" + "---|" * len(policies))
+    for scene in options.scenes or CONTROLLERS:
+        cells = []
+        for policy in policies:
+            returns = evaluate(scene, policy, episodes=options.episodes)
+            cells.append(f"{returns.mean():.2f} ± {returns.std(ddof=1) / len(returns) ** 0.5:.2f}")
+        print(f"| {scene} | " + " | ".join(cells) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
