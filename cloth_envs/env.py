@@ -13,7 +13,9 @@ from cloth_envs.world import World
 
 
 class ClothEnv(gym.Env[Any, np.ndarray]):
-    """A cloth scene; made by ``gym.make("MiniCloth-<Scene>-v0", ...)``. Its task's text is ``env.unwrapped.task.__doc__``.
+    """A cloth scene; made by ``gym.make("MiniCloth-<Scene>-v0", ...)``.
+
+    What there is to do is told by ``env.unwrapped.task.__doc__``, and by ``minicloth list --scene <Scene>``.
 
     Arguments:
         scene: the scene's name.

@@ -51,7 +51,9 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         if name not in _MODES:
             raise unknown_name("autoreset_mode", name, _MODES)
         self._mode, self._limit = _MODES[name], max_episode_steps
-        threads = min(num_envs, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+        threads = min(
+            num_envs, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        )
         kwargs = {"threads": threads, **(backend_kwargs or {})}
         self._world = World(scene, num_envs=num_envs, backend_kwargs=kwargs, **options)
         self.num_envs = num_envs
@@ -80,7 +82,9 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Start episodes. A number seeds member i with ``seed + i``; ``options={"reset_mask": bool (B,)}`` picks members.
+        """Start episodes. A number seeds member i with ``seed + i``.
+
+        ``options={"reset_mask": mask}``, bool ``(B,)``, starts only some members.
 
         Raises:
             ValueError: a list of seeds or a mask of the wrong length, or a mask that picks none.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -151,7 +152,7 @@ class World:
             raise ValueError(
                 f"action has shape {actions.shape[1:]}, expected {expected[1:]}: {', '.join(self.task.actions)}"
             )
-        if not np.isfinite(actions).all():
+        if not isfinite(float(actions.sum())):
             raise ValueError("action holds NaN or infinity; the state is unchanged, pass numbers in [-1, 1]")
         episode = self.episode
         episode.action = np.minimum(np.maximum(actions, -1.0), 1.0)

@@ -146,7 +146,7 @@ def pressure_forces(grid: Grid, x: np.ndarray, pressure: np.ndarray) -> Forces:
 
 
 def pressure_energy(grid: Grid, x: np.ndarray, pressure: np.ndarray) -> np.ndarray:
-    """``-p V``, ``V = sum x0 . (x1 x x2) / 12`` over the facets. Its gradient is the force at vertices off the border."""
+    """``-p V``, ``V = sum x0 . (x1 x x2) / 12`` over facets. Its gradient is the force at vertices off the border."""
     x0, x1, x2 = _corners(grid, x)
     return -pressure * (x0 * np.cross(x1, x2)).sum((1, 2)) / 12
 

@@ -46,16 +46,24 @@ struct Workspace {
   Planes<T> now, next;
   Cells<T> air;
   Edges<T> edges;
+  int stride = 0, rows = 0, begin = 0;
+
+  // Ghosts must hold 0, in the edges always and in the state at the start of a frame.
   void prepare(const Geometry<T>& g) {
+    if (stride == g.stride && rows == g.rows && begin == g.begin) {
+      for (int k = 0; k < 3; ++k) std::fill_n(now.x[k], g.size, T(0)), std::fill_n(now.v[k], g.size, T(0));
+      return;
+    }
+    stride = g.stride, rows = g.rows, begin = g.begin;
     memory.assign(33 * g.size + kBlock, T(0));
     T* p = memory.data();
     p += (64 - reinterpret_cast<std::uintptr_t>(p) % 64) % 64 / sizeof(T);
-    const auto take = [&](auto& planes, std::size_t size) {
-      for (T*& plane : planes) plane = std::exchange(p, p + size);
+    const auto take = [&](auto& planes) {
+      for (T*& plane : planes) plane = std::exchange(p, p + g.size);
     };
-    for (auto* s : {&now, &next}) take(s->x, g.size), take(s->v, g.size);
-    for (auto& corner : air.corner) take(corner, g.size);
-    for (auto* e : {&edges.down, &edges.right, &edges.left}) take(*e, g.size);
+    for (auto* s : {&now, &next}) take(s->x), take(s->v);
+    for (auto& corner : air.corner) take(corner);
+    for (auto* e : {&edges.down, &edges.right, &edges.left}) take(*e);
   }
 };
 
