@@ -68,7 +68,6 @@ class World:
             ]
         ).astype(np.float32)
         self._bound = bound
-        self._keypoints = self.task.keypoints.astype(np.int32)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.task.actions),), np.float32)
         self.observation_space: spaces.Space[Any]
         if obs == "keypoints":
@@ -183,7 +182,7 @@ class World:
             return {"mesh": mesh, "task": np.clip(extras, -limit, limit).astype(np.float32)}
         out = np.empty((self.num_envs, len(self._bound)), np.float32)
         out[:, -extras.shape[1] :] = extras
-        gather(state.positions, state.velocities, self._keypoints, self._bound, out)
+        gather(state.positions, state.velocities, self.task.keypoints, self._bound, out)
         return out
 
     def get_state(self) -> dict[str, np.ndarray]:

@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "episode.hpp"
 #include "explicit.hpp"
 
 namespace nb = nanobind;
@@ -139,5 +140,6 @@ NB_MODULE(_minicloth_kernels, m) {
   bind_solver<double>(m, "Explicit64");
   bind_state<float>(m);
   bind_state<double>(m);
+  bind_episode(m);
   m.def("instruction_set", &best_lanes_name, "The instruction set that the kernels run on this processor.");
 }

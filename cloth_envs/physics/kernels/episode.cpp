@@ -1,0 +1,89 @@
+// What an environment does around the solver at every step: loops over a few numbers, each of which NumPy
+// would do in several calls that cost more than the work.
+#include "episode.hpp"
+
+#include <nanobind/ndarray.h>
+
+#include <algorithm>
+#include <vector>
+
+namespace nb = nanobind;
+
+namespace minicloth {
+namespace {
+
+using Array = nb::ndarray<nb::numpy, double>;
+template <class T>
+using Cloth = nb::ndarray<const T, nb::ndim<4>, nb::c_contig, nb::device::cpu>;
+using Vertices = nb::ndarray<const int, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Row = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+template <class T>
+using Pairs = nb::ndarray<const T, nb::ndim<2>, nb::device::cpu>;
+
+Array fresh(std::initializer_list<std::size_t> shape) {
+  std::size_t size = 1;
+  for (std::size_t n : shape) size *= n;
+  auto* data = new double[size]();
+  nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<double*>(p); });
+  return Array(data, shape, owner);
+}
+
+template <class T>
+Array take_points(Cloth<T> x, Vertices vertices) {
+  const std::size_t batch = x.shape(0), n = x.shape(2) * x.shape(3), count = vertices.shape(0);
+  Array out = fresh({batch, count, 3});
+  double* to = out.data();
+  for (std::size_t b = 0; b < batch; ++b)
+    for (std::size_t i = 0; i < count; ++i)
+      for (std::size_t k = 0; k < 3; ++k) *to++ = x.data()[(3 * b + k) * n + vertices.data()[i]];
+  return out;
+}
+
+template <class T>
+Array mean_point(Cloth<T> x, Vertices vertices) {
+  const std::size_t batch = x.shape(0), n = x.shape(2) * x.shape(3), count = vertices.shape(0);
+  Array out = fresh({batch, 3});
+  for (std::size_t row = 0; row < 3 * batch; ++row) {
+    double sum = 0;
+    for (std::size_t i = 0; i < count; ++i) sum += x.data()[row * n + vertices.data()[i]];
+    out.data()[row] = sum / double(count);
+  }
+  return out;
+}
+
+// The velocity goes towards action * speed by at most `change`, slowing down within `brake` of a side.
+template <class T>
+nb::tuple drive(Pairs<T> position, Pairs<T> velocity, Pairs<double> action, Row low, Row high, Row speed, double change,
+                double brake, double dt) {
+  const std::size_t batch = position.shape(0), n = low.shape(0);
+  if (position.shape(1) != n || velocity.shape(1) != n || action.shape(1) != n || high.shape(0) != n ||
+      speed.shape(0) != n || velocity.shape(0) != batch || action.shape(0) != batch)
+    throw nb::value_error("positions, velocities and actions must be (B, n) with n as in the box");
+  Array moved = fresh({batch, n}), reached = fresh({batch, n});
+  for (std::size_t b = 0; b < batch; ++b)
+    for (std::size_t k = 0; k < n; ++k) {
+      const double x = position(b, k), v = velocity(b, k);
+      const double upper = std::max((high(k) - x) / brake, 0.0), lower = std::min((low(k) - x) / brake, 0.0);
+      const double wanted = std::min(std::max(action(b, k) * speed(k), lower), upper);
+      const double next = std::min(std::max(wanted, v - change), v + change);
+      moved.data()[b * n + k] = 0.5 * dt * (v + next);
+      reached.data()[b * n + k] = next;
+    }
+  return nb::make_tuple(moved, reached);
+}
+
+template <class T>
+void bind(nb::module_& m) {
+  m.def("take_points", &take_points<T>, "Some vertices of (B, 3, H, W) as (B, N, 3), float64.");
+  m.def("mean_point", &mean_point<T>, "The mean of some vertices of (B, 3, H, W), (B, 3), float64.");
+  m.def("drive", &drive<T>, "How far a driven thing moves in a frame, and its velocity at the end, (B, n) each.");
+}
+
+}  // namespace
+
+void bind_episode(nb::module_& m) {
+  bind<float>(m);
+  bind<double>(m);
+}
+
+}  // namespace minicloth

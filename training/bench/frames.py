@@ -1,0 +1,86 @@
+"""Whole frames of every scene: time in the solver, and what the environment adds to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import cloth_envs
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Medians. ``overhead_us`` is a step less its solver call; ``repeated_us`` a step whose solver call does nothing.
+
+    They differ because a solver call leaves little of Python in the processor's caches.
+    """
+
+    scene: str
+    vertices: int
+    substeps: int
+    frame_ms: float
+    solver_ms: float
+    overhead_us: float
+    repeated_us: float
+
+
+class Timed:
+    """Stands for a compiled solver and times its calls."""
+
+    def __init__(self, solver: Any) -> None:
+        self.solver, self.times, self.idle = solver, [0.0], False
+
+    def advance(self, *arrays: Any) -> None:
+        start = perf_counter()
+        if self.idle:
+            arrays[2][:], arrays[3][:] = arrays[0], arrays[1]
+        else:
+            self.solver.advance(*arrays)
+        self.times.append(perf_counter() - start)
+
+
+def measure(scene: str, steps: int) -> Frame:
+    """One thread, default material, random actions, observation and reward included."""
+    env = gym.make(cloth_envs.env_id(scene)).unwrapped
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    backend = env._world.backend  # type: ignore[attr-defined]
+    timed = backend._solver = Timed(backend._solver)
+    totals, solver = [], []
+    for _ in range(steps):
+        action = env.action_space.sample()
+        start = perf_counter()
+        env.step(action)
+        totals.append(perf_counter() - start)
+        solver.append(timed.times[-1])
+    timed.idle = True
+    repeated = []
+    for _ in range(20 * steps):
+        start = perf_counter()
+        env.step(action)
+        repeated.append(perf_counter() - start - timed.times[-1])
+    return Frame(
+        scene=scene,
+        vertices=env.scene.grid.vertices,  # type: ignore[attr-defined]
+        substeps=int(backend.substeps[0]),
+        frame_ms=env.scene.frame_dt * 1e3,  # type: ignore[attr-defined]
+        solver_ms=float(np.median(solver)) * 1e3,
+        overhead_us=float(np.median(np.subtract(totals, solver))) * 1e6,
+        repeated_us=float(np.median(repeated)) * 1e6,
+    )
+
+
+def table(frames: list[Frame]) -> str:
+    """The frames as text."""
+    heads = f"{'scene':10s} {'vertices':>8s} {'frame':>6s} {'substeps':>8s}"
+    lines = [f"{heads} {'solver':>9s} {'overhead':>9s} {'repeated':>9s}"]
+    lines += [
+        f"{f.scene:10s} {f.vertices:8d} {f.frame_ms:3.0f} ms {f.substeps:8d} {f.solver_ms:6.2f} ms "
+        f"{f.overhead_us:6.0f} us {f.repeated_us:6.0f} us"
+        for f in frames
+    ]
+    return "\n".join(lines)
