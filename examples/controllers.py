@@ -1,17 +1,12 @@
-"""A simple controller for every scene, from the default observation to the action, and what it earns.
+"""A simple controller for every scene, from the default observation to the action.
 
-Run ``python examples/controllers.py`` for the table of docs/scenes.md. Observations may be batched: the
-task's numbers are the last ones, after positions and velocities of the keypoints.
+Observations may be batched. The task's numbers are the last ones, after positions and velocities of the
+keypoints. Actions are to be clipped to [-1, 1]. ``evaluate_controllers.py`` shows what they earn.
 """
 
 from __future__ import annotations
 
-import argparse
-
-import gymnasium as gym
 import numpy as np
-
-import cloth_envs
 
 
 def curtain(obs: np.ndarray) -> np.ndarray:
@@ -48,7 +43,7 @@ def hanging(obs: np.ndarray) -> np.ndarray:
     corner, middle, velocity, goal = obs[..., -16:-13], obs[..., -10:-7], obs[..., -7:-4], obs[..., -4:-1]
     error = goal - 0.2 * velocity - corner
     error[..., 2] = (goal - middle)[..., 2]
-    return 1.3 * error
+    return 2 * error
 
 
 def ball_drop(obs: np.ndarray) -> np.ndarray:
@@ -66,44 +61,3 @@ CONTROLLERS = {
     "Hanging": hanging,
     "BallDrop": ball_drop,
 }
-
-
-def evaluate(scene: str, policy: str, *, episodes: int, frames: int | None = None) -> np.ndarray:
-    """Mean reward per frame of ``episodes`` seeds under ``"zero"``, ``"random"`` or ``"controller"``."""
-    frames = frames or cloth_envs.EPISODE_FRAMES[scene]
-    env = gym.make(cloth_envs.env_id(scene), disable_env_checker=True)
-    returns = np.zeros(episodes)
-    for seed in range(episodes):
-        obs, _ = env.reset(seed=seed)
-        rng = np.random.default_rng(seed)
-        for _ in range(frames):
-            action = np.zeros(env.action_space.shape)
-            if policy == "random":
-                action = rng.uniform(-1, 1, action.shape)
-            elif policy == "controller":
-                action = np.clip(CONTROLLERS[scene](obs), -1, 1)
-            obs, reward, terminated, truncated, _ = env.step(action)
-            returns[seed] += reward / frames
-            if terminated or truncated:
-                break
-    env.close()
-    return returns
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--episodes", type=int, default=10)
-    parser.add_argument("scenes", nargs="*", default=list(CONTROLLERS))
-    options = parser.parse_args()
-    policies = ("zero", "random", "controller")
-    print("| scene | " + " | ".join(policies) + " |\n|---|" + "---|" * len(policies))
-    for scene in options.scenes or CONTROLLERS:
-        cells = []
-        for policy in policies:
-            returns = evaluate(scene, policy, episodes=options.episodes)
-            cells.append(f"{returns.mean():.2f} ± {returns.std(ddof=1) / len(returns) ** 0.5:.2f}")
-        print(f"| {scene} | " + " | ".join(cells) + " |", flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -76,7 +76,7 @@ class Curtain(Task):
         self.follow = np.stack([share, np.ones(len(share))], 1)[None]  # of the lead ring's x, y
         self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
         edges = self.keypoints.reshape(self.lattice)
-        self.first, self.last = edges[:, 0], edges[:, -1]
+        self.first, self.last = edges[:, 0].copy(), edges[:, -1].copy()
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
@@ -112,8 +112,8 @@ class Curtain(Task):
 
     def covered(self, episode: Episode) -> np.ndarray:
         """Covered fraction of the window, ``(B,)``."""
-        x = episode.cloth[:, 0]
-        return mean(x.take(self.last, 1) - x.take(self.first, 1)) * (1.0 / self.scene.grid.width)
+        ends = self.middle(episode, self.last) - self.middle(episode, self.first)
+        return ends[:, 0] * (1.0 / self.scene.grid.width)
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state

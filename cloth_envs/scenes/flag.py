@@ -10,7 +10,7 @@ from cloth_envs.scene import Scene, Wind
 from cloth_envs.scenes.task import Drive, Episode, Start, Task, draw_gust, gust
 from cloth_envs.state import Controls
 
-POLE_SPEED, ACCELERATION = 3.0, 30.0  # m/s at full action, m/s^2
+POLE_SPEED, ACCELERATION = 2.5, 25.0  # m/s at full action, m/s^2
 REACH = 1.5  # m, the pole stays within this of where it started
 WIND_SPEED = (1.0, 3.0)  # m/s, range of the mean wind
 ASIDE = 0.8  # rad, largest angle between the mean wind and the line to the onlooker
@@ -25,7 +25,7 @@ class Flag(Task):
     onlooker, who sees little of it. Run about with the pole so that the onlooker sees the flag spread out.
 
     ## Action Space
-    `Box(-1, 1, (2,))`: velocity of the pole along x and y, +-1 is 3 m/s. The pole stays in a square of
+    `Box(-1, 1, (2,))`: velocity of the pole along x and y, +-1 is 2.5 m/s. The pole stays in a square of
     +-1.5 m.
 
     ## Observation Space

@@ -10,9 +10,8 @@ from cloth_envs.scene import Scene
 from cloth_envs.scenes.task import Drive, Episode, Start, Task, draw_gust, grip, gust, mean, tolerance
 from cloth_envs.state import Controls
 
-SPEED = 1.5  # m/s of the corner at full action
+SPEED, ACCELERATION = 1.0, 10.0  # m/s of the corner at full action, m/s^2
 LOW, HIGH = (-0.8, -0.8, -0.4), (0.8, 0.8, 0.4)  # m, box of the corner
-ACCELERATION = 15.0  # m/s^2
 GOAL_LOW, GOAL_HIGH = (-0.6, -0.6, -0.2), (0.6, 0.6, 0.2)  # m, corner above the goal
 HANG = 0.79  # m, depth of the cloth's middle below the corner when it hangs at rest
 BREEZE = 0.15  # Pa, a twelfth of the cloth's weight
@@ -24,11 +23,11 @@ PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
 class Hanging(Task):
     """
     ## Description
-    A cloth of 1 x 1 m hangs by one corner in a light random breeze. Carry the corner so that the
+    A cloth of 1 x 1 m, held by 5 cm of one corner, hangs in a light random breeze. Carry the corner so that the
     middle of the cloth comes to rest at a goal.
 
     ## Action Space
-    `Box(-1, 1, (3,))`: velocity of the corner, +-1 is 1.5 m/s along x, y, z. The corner stays within 0.8 m
+    `Box(-1, 1, (3,))`: velocity of the corner, +-1 is 1 m/s along x, y, z. The corner stays within 0.8 m
     (x, y) and 0.4 m (z) of where it started.
 
     ## Observation Space

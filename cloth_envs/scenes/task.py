@@ -105,9 +105,9 @@ class Task(ABC):
             pressure=np.zeros(batch),
         )
 
-    def middle(self, episode: Episode) -> np.ndarray:
-        """Mean position of the keypoints, ``(B, 3)`` [m]."""
-        return kernels.mean_point(episode.state.positions, self.keypoints)
+    def middle(self, episode: Episode, vertices: np.ndarray | None = None) -> np.ndarray:
+        """Mean position of the keypoints, or of other vertices (int32 numbers), ``(B, 3)`` [m]."""
+        return kernels.mean_point(episode.state.positions, self.keypoints if vertices is None else vertices)
 
     def middle_velocity(self, episode: Episode) -> np.ndarray:
         """Mean velocity of the keypoints, ``(B, 3)`` [m/s]."""
@@ -168,11 +168,14 @@ class Drive:
         )
 
 
-def grip(grid: Grid, row: int, col: int, radius: float = 0.04) -> tuple[int, ...]:
-    """Vertices within ``radius`` [m] of a corner: a grip spreads the load that would overstretch a single edge."""
+def grip(grid: Grid, row: int, col: int, size: float = 0.05) -> tuple[int, ...]:
+    """Vertices of a square patch, ``size`` [m] along each side, in a corner.
+
+    Held by one vertex, a cloth would overstretch the edges there, the more the finer the grid.
+    """
     rows, cols = np.indices(grid.shape)
     down, along = (rows - row % grid.rows) * grid.row_spacing, (cols - col % grid.cols) * grid.col_spacing
-    return tuple(np.flatnonzero(np.hypot(down, along) <= radius).tolist())
+    return tuple(np.flatnonzero(np.maximum(np.abs(down), np.abs(along)) <= size * (1 + 1e-9)).tolist())
 
 
 def bow(cells: int, ratio: float) -> np.ndarray:
