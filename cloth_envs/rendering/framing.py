@@ -93,7 +93,7 @@ def reach(scene: Scene, state: State, member: int = 0) -> np.ndarray:
     low, high = points.min(0), points.max(0)
     if kind == "frame":
         rise = 0.28 * min(grid.width, grid.height)
-        low[2], high[2] = low[2] - 0.3 * rise, high[2] + rise
+        low[2], high[2] = low[2] - rise, high[2] + rise  # it may bulge either way
     elif kind != "free":
         handles = points[list(scene.handles)]
         low[2] = min(low[2], lowest_hang(grid, scene.handles, handles[:, 2]))

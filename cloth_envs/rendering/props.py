@@ -95,6 +95,21 @@ def rail(pv: Any, handles: np.ndarray, thick: float, length: float) -> list[Part
     ]
 
 
+def patches(scene: Scene) -> np.ndarray:
+    """Of each patch of neighbouring handles the one nearest to a corner of the sheet; places in ``scene.handles``."""
+    rows, cols = scene.grid.shape
+    at = np.stack(np.divmod(np.array(scene.handles, int), cols), 1)
+    patch = np.arange(len(at))
+    for i, place in enumerate(at):  # one pass over the rows joins what touches, diagonals included
+        near = np.flatnonzero(np.abs(at[: i + 1] - place).max(1) <= 1)
+        for other in np.unique(patch[near]):
+            patch[patch == other] = patch[near[0]]
+    inwards = np.minimum(at, [rows - 1, cols - 1] - at).sum(1)
+    return np.array(
+        [members[inwards[members].argmin()] for n in np.unique(patch) for members in [np.flatnonzero(patch == n)]]
+    )
+
+
 def fixtures(pv: Any, scene: Scene, handles: np.ndarray, ground: float) -> list[Part]:
     """What holds the cloth at ``handles`` ``(N, 3)`` [m], above a ground at that height [m]."""
     kind, size = support(scene), max(scene.grid.width, scene.grid.height)
@@ -108,8 +123,11 @@ def fixtures(pv: Any, scene: Scene, handles: np.ndarray, ground: float) -> list[
         line = pv.lines_from_points(handles[around], close=True)
         tube = {"line_width": 5.0, "render_lines_as_tubes": True}
         return [Part(line, look.STEEL, owner=np.append(around, around[:1])[: line.n_points], options=tube)]
-    pins, owner = repeated(pv, pv.Sphere(radius=1.3 * thick, theta_resolution=20, phi_resolution=14), handles)
-    return [Part(pins, look.BRASS, owner=owner)]
+    grips = patches(scene)
+    radius = (1.3 if len(grips) == len(handles) else 2.0) * thick
+    ball = pv.Sphere(radius=radius, theta_resolution=20, phi_resolution=14)
+    pins, owner = repeated(pv, ball, handles[grips])
+    return [Part(pins, look.BRASS, owner=grips[owner])]
 
 
 class Capsule:
