@@ -142,7 +142,9 @@ def test_another_process_continues_from_a_saved_state(scene: str, tmp_path: Path
 def test_wrappers_work(tmp_path: Path) -> None:
     pytest.importorskip("pyvista", reason="needs the extra 'render'")
     env = make("Flag", render_mode="rgb_array", **SMALL)
-    env = RecordVideo(FrameStackObservation(TimeLimit(env, 4), 3), str(tmp_path / "video"), episode_trigger=lambda n: True)
+    env = RecordVideo(
+        FrameStackObservation(TimeLimit(env, 4), 3), str(tmp_path / "video"), episode_trigger=lambda n: True
+    )
     obs, _ = env.reset(seed=0)
     assert obs.shape[0] == 3
     ended = False

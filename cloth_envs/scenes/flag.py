@@ -12,8 +12,8 @@ from cloth_envs.state import Controls
 
 POLE_SPEED, ACCELERATION = 2.5, 25.0  # m/s at full action, m/s^2
 REACH = 1.5  # m, the pole stays within this of where it started
-WIND_SPEED = (1.0, 3.0)  # m/s, range of the mean wind
-ASIDE = 0.8  # rad, largest angle between the mean wind and the line to the onlooker
+WIND_SPEED = (2.0, 4.5)  # m/s, range of the mean wind
+ASIDE = 0.6  # rad, largest angle between the mean wind and the line to the onlooker
 GUST = 0.5  # of the mean
 BACKING = 0.4  # rad, how far gusts turn the wind
 
@@ -21,7 +21,7 @@ BACKING = 0.4  # rad, how far gusts turn the wind
 class Flag(Task):
     """
     ## Description
-    A flag of 1.5 x 1.0 m flies from an upright pole in a light, gusty wind that blows mostly towards or away from an
+    A flag of 1.5 x 1.0 m flies from an upright pole in a gusty wind that blows mostly towards or away from an
     onlooker, who sees little of it. Run about with the pole so that the onlooker sees the flag spread out.
 
     ## Action Space
@@ -38,8 +38,8 @@ class Flag(Task):
     area vector follows from the border alone; where the flag is folded over, the two layers cancel.
 
     ## Starting State
-    The flag is spread downwind with small random waves. Mean wind (1-3 m/s), gusts, their turning
-    and the onlooker's direction, up to 46 degrees beside the wind, are random.
+    The flag is spread downwind with small random waves. Mean wind (2-4.5 m/s), gusts, their turning
+    and the onlooker's direction, up to 34 degrees beside the wind, are random.
 
     ## Episode End
     Truncated after 200 frames (8 s). Terminated when the simulation fails (`info["failure"]`).
