@@ -50,7 +50,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         name = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
         if name not in _MODES:
             raise unknown_name("autoreset_mode", name, _MODES)
-        self._mode, self._limit = _MODES[name], max_episode_steps
+        self.autoreset_mode, self._limit = _MODES[name], max_episode_steps
         threads = min(
             num_envs, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         )
@@ -59,7 +59,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         self.num_envs = num_envs
         self.render_mode = None
         self.metadata = {
-            "autoreset_mode": self._mode,
+            "autoreset_mode": self.autoreset_mode,
             "render_modes": [],
             "render_fps": round(1 / self._world.scene.frame_dt),
         }
@@ -112,7 +112,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
     def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         world, n = self._world, self.num_envs
         again = self._ended.copy()
-        if again.any() and self._mode is AutoresetMode.DISABLED:
+        if again.any() and self.autoreset_mode is AutoresetMode.DISABLED:
             raise RuntimeError(
                 f"environments {np.flatnonzero(again).tolist()} have ended: reset them with "
                 'reset(options={"reset_mask": terminated | truncated})'
@@ -131,7 +131,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         ended = terminated | truncated
         self._ended = ended.copy()
         observations = world.observe()
-        if self._mode is AutoresetMode.SAME_STEP and ended.any():
+        if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
             finals = np.full(n, None, dtype=object)
             for i in np.flatnonzero(ended):
                 finals[i] = _member(observations, int(i))
