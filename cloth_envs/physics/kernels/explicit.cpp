@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdint>
 #include <thread>
 #include <utility>
 #if defined(__SSE2__)
@@ -42,7 +41,7 @@ struct Driven {
 // Two states (the step reads one and writes the other), the forces of the air and of the edges.
 template <class T>
 struct Workspace {
-  std::vector<T> memory;
+  Plane<T> memory;
   Planes<T> now, next;
   Cells<T> air;
   Edges<T> edges;
@@ -55,9 +54,8 @@ struct Workspace {
       return;
     }
     stride = g.stride, rows = g.rows, begin = g.begin;
-    memory.assign(33 * g.size + kBlock, T(0));
+    memory.assign(33 * g.size, T(0));
     T* p = memory.data();
-    p += (64 - reinterpret_cast<std::uintptr_t>(p) % 64) % 64 / sizeof(T);
     const auto take = [&](auto& planes) {
       for (T*& plane : planes) plane = std::exchange(p, p + g.size);
     };

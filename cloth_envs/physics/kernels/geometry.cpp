@@ -14,9 +14,10 @@ Geometry<T>::Geometry(int rows_, int cols_, double a, double b, bool periodic_)
       row_length(T(a)),
       col_length(T(b)),
       diagonal(T(std::hypot(a, b))) {
-  begin = at(0, periodic ? -kGhost : 0);
+  begin = (kGhost * stride + 2 * kBlock) / kBlock * kBlock;
+  origin = begin + (periodic ? kGhost : 0);
   end = begin + (at(rows - 1, cols) - begin + kBlock - 1) / kBlock * kBlock;
-  size = std::size_t((rows + 2 * kGhost) * stride + 2 * kLead + kBlock + kBlock - 1) / kBlock * kBlock;
+  size = std::size_t(end + kGhost * stride + 2 * kBlock) / kBlock * kBlock;
   for (auto* v : {&along, &down, &right, &left, &along_near, &down_near, &along_far, &down_far, &inverse_area, &cell})
     v->assign(size, T(0));
 

@@ -1,32 +1,44 @@
 // The grid as flat, padded arrays: what every kernel indexes.
 #pragma once
 #include <cstddef>
+#include <new>
 #include <vector>
 
 namespace minicloth {
 
-// A vertex (r, c) is element (r + 2) * stride + c + kLead. Two ghost rows lie above and below and at
-// least two ghost columns between rows, so that a neighbour up to distance two is a constant offset.
+// A vertex (r, c) is element origin + r * stride + c. Two ghost rows lie above and below and at least
+// two ghost columns between rows, so that a neighbour up to distance two is a constant offset.
 // Edges that do not exist have weight 0, which makes masks unnecessary.
 constexpr int kGhost = 2;
-constexpr int kLead = 16;   // keeps negative offsets inside the buffer
 constexpr int kBlock = 16;  // loops run over whole blocks, the tail lies in ghosts; a row is longer than one
+
+// Starts on a cache line, so that vectors at multiples of kBlock lie in one line each.
+template <class T>
+struct CacheLines {
+  using value_type = T;
+  T* allocate(std::size_t n) { return static_cast<T*>(::operator new(n * sizeof(T), std::align_val_t(64))); }
+  void deallocate(T* p, std::size_t) { ::operator delete(p, std::align_val_t(64)); }
+  bool operator==(const CacheLines&) const { return true; }
+  bool operator!=(const CacheLines&) const { return false; }
+};
+template <class T>
+using Plane = std::vector<T, CacheLines<T>>;
 
 template <class T>
 struct Geometry {
-  int rows, cols, stride, begin, end;
+  int rows, cols, stride, origin, begin, end;  // begin lies on a multiple of kBlock, for aligned loads
   std::size_t size;
   bool periodic;
   T row_length, col_length, diagonal;
   // Spring weights; times stretch (along, down) or shear (right, left) they are stiffnesses [N/m].
-  std::vector<T> along, down, right, left;
+  Plane<T> along, down, right, left;
   // Bending as linear edges over distance one (near) and two (far); times bend_stiffness, [N/m].
-  std::vector<T> along_near, down_near, along_far, down_far;
-  std::vector<T> inverse_area;  // 1/m^2, 0 in ghosts
-  std::vector<T> cell;          // 1 where a cell's upper left corner is, else 0
+  Plane<T> along_near, down_near, along_far, down_far;
+  Plane<T> inverse_area;  // 1/m^2, 0 in ghosts
+  Plane<T> cell;          // 1 where a cell's upper left corner is, else 0
 
   Geometry(int rows, int cols, double row_length, double col_length, bool periodic);
-  int at(int r, int c) const { return (r + kGhost) * stride + c + kLead; }
+  int at(int r, int c) const { return origin + r * stride + c; }
 };
 
 }  // namespace minicloth
