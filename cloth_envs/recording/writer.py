@@ -1,0 +1,142 @@
+"""``RolloutWriter``: gathers frames and writes them chunk by chunk."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import h5py
+import numpy as np
+
+from cloth_envs.material import PROPERTIES, Material
+from cloth_envs.recording.layout import PATHS, lay_out
+from cloth_envs.scene import Scene
+from cloth_envs.state import State
+
+CHUNK_BYTES = 2**19  # of one field
+MOST_FRAMES = 32  # in a chunk: what a killed writer can lose
+
+
+class RolloutWriter:
+    """Writes trajectories of one scene; use it as a context manager, or call ``close()``.
+
+    Args:
+        path: the file, usually ``*.h5``.
+        source: an environment of this package, or a bare ``Scene``.
+        actions: how many numbers an action has; taken from an environment.
+        overwrite: replace an existing file.
+
+    Raises:
+        FileExistsError: the file exists and ``overwrite`` is false; it is untouched.
+        OSError: the file can't be created there.
+        ValueError: an environment of another package.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        source: gym.Env[Any, Any] | Scene,
+        *,
+        actions: int = 0,
+        overwrite: bool = False,
+    ) -> None:
+        self.path = Path(path)
+        spec = ""
+        self.scene: Any
+        if isinstance(source, Scene):
+            self.scene = source
+        else:
+            self.scene = getattr(source.unwrapped, "scene", None)
+            if not isinstance(self.scene, Scene):
+                raise ValueError(f"{source} is no cloth environment: record one made by gym.make('MiniCloth-...')")
+            spec = "" if source.spec is None else source.spec.to_json()
+            actions = int(np.prod(source.action_space.shape or ()))
+        if self.path.exists() and not overwrite:
+            raise FileExistsError(f"{self.path} exists and stays as it is: choose another name or pass overwrite=True")
+        try:
+            self._file = h5py.File(self.path, "w", libver="latest")
+        except OSError as error:
+            folder = self.path.absolute().parent
+            advice = "choose a path that you may write" if folder.is_dir() else f"create the folder {folder} first"
+            raise OSError(f"can't write {self.path} ({error.strerror or error}): {advice}") from error
+        height, width = self.scene.grid.shape
+        self.chunk = int(np.clip(CHUNK_BYTES // (12 * height * width), 1, MOST_FRAMES))
+        lay_out(self._file, self.scene, chunk=self.chunk, actions=actions, env_spec=spec)
+        self._frames = {p: self._file[p] for p in (*PATHS.values(), "actions", "scalars/reward") if p in self._file}
+        self._lengths, self._seeds = self._file["frames"], self._file["seeds"]
+        self._materials = {name: self._file[f"scalars/{name}"] for name in PROPERTIES}
+        self._rows: dict[str, list[np.ndarray]] = {}
+        self._trajectory, self._written = -1, 0
+        self._file.swmr_mode = True
+
+    def begin(self, seed: int | None = None, material: Material | None = None) -> None:
+        """Start the next trajectory, of ``material`` (default: the scene's)."""
+        self._write()
+        self._trajectory += 1
+        self._written = 0
+        count = self._trajectory + 1
+        for dataset in (*self._materials.values(), self._seeds, self._lengths):
+            dataset.resize((count,))
+        for dataset in self._frames.values():
+            dataset.resize((count, *dataset.shape[1:]))
+        for name, dataset in self._materials.items():
+            dataset[-1] = getattr(material or self.scene.material, name)
+        self._seeds[-1] = -1 if seed is None else seed
+        self._lengths[-1] = 0
+        self._file.attrs.modify("n_trajectories", count)
+        self._file.flush()
+
+    def append(self, state: State, action: np.ndarray | None = None, reward: float = 0.0) -> None:
+        """Add a frame (a copy is kept): ``state`` of a batch of one, the ``action`` that led to it and its ``reward``.
+
+        Raises:
+            RuntimeError: ``begin()`` has not been called.
+            ValueError: a state of another size, or an action of the wrong length; nothing is added.
+        """
+        if self._trajectory < 0:
+            raise RuntimeError("call begin(seed) before the first append(state)")
+        parts = {PATHS[name]: value for name, value in state.arrays().items()}
+        for path in ("t1_fields/positions", "t1_fields/velocities"):
+            parts[path] = parts[path].transpose(0, 2, 3, 1)
+        parts["scalars/reward"] = np.array([reward])
+        if "actions" in self._frames:
+            length = self._frames["actions"].shape[2]
+            parts["actions"] = np.zeros((1, length)) if action is None else np.asarray(action).reshape(1, -1)
+        rows = {path: parts[path] for path in self._frames}
+        for path, row in rows.items():
+            expected = (1, *self._frames[path].shape[2:])
+            if row.shape != expected:
+                raise ValueError(
+                    f"{path} of a frame has shape {row.shape}, this file needs {expected}: one cloth of its scene"
+                )
+        for path, row in rows.items():
+            self._rows.setdefault(path, []).append(np.array(row[0]))
+        if len(self._rows["scalars/reward"]) >= self.chunk:
+            self._write()
+
+    def _write(self) -> None:
+        """Write what has been gathered, then count it."""
+        if not self._rows:
+            return
+        begin, end = self._written, self._written + len(self._rows["scalars/reward"])
+        for path, dataset in self._frames.items():
+            dataset.resize((dataset.shape[0], max(dataset.shape[1], end), *dataset.shape[2:]))
+            dataset[self._trajectory, begin:end] = np.stack(self._rows[path])
+        self._file.flush()
+        self._lengths[self._trajectory] = end
+        self._file.flush()
+        self._rows, self._written = {}, end
+
+    def close(self) -> None:
+        """Write the last frames and close the file; calling it again does nothing."""
+        if self._file:
+            self._write()
+            self._file.close()
+
+    def __enter__(self) -> RolloutWriter:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
