@@ -1,0 +1,178 @@
+"""The ``minicloth`` command; what it does is in ``cloth_envs.commands``, imported when it is asked for."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
+
+from cloth_envs import __version__
+from cloth_envs.naming import unknown_name
+
+# name -> "module:main(argv)", imported on use; `training` may import cloth_envs, never the other way but here.
+BENCHMARKS = {"throughput": "training.bench.throughput:main"}
+
+
+def _list(given: argparse.Namespace) -> str:
+    from cloth_envs.commands import listing
+
+    return listing.everything() if given.scene is None else listing.scene(given.scene)
+
+
+def _rollout(given: argparse.Namespace) -> str:
+    from cloth_envs.commands.entries import read_object, read_resolution
+    from cloth_envs.commands.rollout import rollout
+
+    return rollout(
+        given.scene,
+        frames=given.frames,
+        seed=given.seed,
+        policy=given.policy,
+        backend=given.backend,
+        backend_kwargs=read_object(given.backend_kwargs, "--backend-kwargs"),
+        material=_material(given.material),
+        resolution=None if given.resolution is None else read_resolution(given.resolution),
+        video=given.video,
+        images=given.images,
+        hdf5=given.hdf5,
+        strain=given.strain,
+        overwrite=given.overwrite,
+    )
+
+
+def _render(given: argparse.Namespace) -> str:
+    from cloth_envs.commands.rollout import render
+
+    return render(given.file, trajectory=given.trajectory, video=given.video, images=given.images, strain=given.strain)
+
+
+def _compare(given: argparse.Namespace) -> str:
+    from cloth_envs.commands.compare import compare_scene
+
+    return compare_scene(
+        given.scene,
+        backends=_names(given.backends),
+        resolutions=_names(given.resolutions),
+        entries=given.entry,
+        frames=given.frames,
+        seed=given.seed,
+        policy=given.policy,
+        material=_material(given.material),
+        horizon=given.horizon,
+        out=given.out,
+        video=not given.no_video,
+    )
+
+
+def _bench(given: argparse.Namespace) -> str:
+    if given.benchmark not in BENCHMARKS:
+        raise unknown_name("benchmark", given.benchmark, BENCHMARKS)
+    module, function = BENCHMARKS[given.benchmark].split(":")
+    return getattr(import_module(module), function)(given.options) or ""
+
+
+def _material(text: str | None) -> Any:
+    """A fabric's name, or a JSON object of properties."""
+    from cloth_envs.commands.entries import read_object
+
+    return read_object(text, "--material") if text and text.lstrip().startswith("{") else text
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"must be at least 1, got {value}")
+    return value
+
+
+def _seed(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"must not be negative, got {value}")
+    return value
+
+
+def parser() -> argparse.ArgumentParser:
+    """All commands and their options."""
+    top = argparse.ArgumentParser("minicloth", description="Cloth scenes: list, simulate, draw, compare, measure.")
+    top.add_argument("--version", action="version", version=f"minicloth {__version__}")
+    commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    def command(name: str, run: Any, about: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=about, description=about)
+        sub.set_defaults(run=run)
+        return sub
+
+    def episode(sub: argparse.ArgumentParser) -> None:
+        sub.add_argument("scene", metavar="SCENE", help="a scene's name, see `minicloth list`")
+        sub.add_argument("--seed", type=_seed, default=0, help="of the start and the actions (default 0)")
+        sub.add_argument("--policy", default="smooth", help="zero, random, smooth (default) or bang-bang")
+        sub.add_argument("--material", help="a fabric's name, or JSON such as '{\"areal_density\": 0.3}'")
+
+    def pictures(sub: argparse.ArgumentParser) -> None:
+        sub.add_argument("--video", metavar="OUT.mp4", help="H.264 video at the simulated speed")
+        sub.add_argument("--images", metavar="DIR", help="one PNG a frame")
+        sub.add_argument("--strain", action="store_true", help="colour the cloth by its strain")
+
+    sub = command("list", _list, "List scenes, backends, fabrics and policies; or describe one scene.")
+    sub.add_argument("--scene", metavar="SCENE", help="describe this scene and its task")
+
+    sub = command("rollout", _rollout, "Simulate one episode; draw it, record it.")
+    episode(sub)
+    sub.add_argument("--frames", type=_count, help="default: the scene's episode")
+    sub.add_argument("--backend", default="reference", help="which physics (default reference)")
+    sub.add_argument("--backend-kwargs", metavar="JSON", default="{}", help="such as '{\"refine\": 2}'")
+    sub.add_argument("--resolution", metavar="ROWSxCOLS", help="of the grid, at equal size and material")
+    pictures(sub)
+    sub.add_argument("--hdf5", metavar="OUT.h5", help="record the rollout")
+    sub.add_argument("--overwrite", action="store_true", help="replace an existing HDF5 file")
+
+    sub = command("render", _render, "Draw a recorded rollout.")
+    sub.add_argument("file", metavar="FILE", help="a rollout in HDF5")
+    sub.add_argument("--trajectory", type=int, default=0, help="which one (default 0)")
+    pictures(sub)
+
+    sub = command("compare", _compare, "One scene with several backends or resolutions: video, table, chart.")
+    episode(sub)
+    sub.add_argument("--frames", type=_count, default=120, help="length of the run (default 120)")
+    sub.add_argument("--backends", metavar="A,B", default="", help="each at every resolution (default reference)")
+    sub.add_argument("--resolutions", metavar="RxC,RxC", default="", help="default: full, and 2, 3, 4 times coarser")
+    sub.add_argument("--entry", metavar="NAME[@RxC][:JSON]", action="append", default=[], help="one more; may repeat")
+    sub.add_argument(
+        "--horizon", type=_count, default=10, help="of the chart's error [frames]: 1, 5, 10 (default) or 25"
+    )
+    sub.add_argument("--out", metavar="DIR", help="default ./compare_<scene>; files in it are replaced")
+    sub.add_argument("--no-video", action="store_true", help="table and chart only")
+
+    sub = command("bench", _bench, "Run a benchmark: " + ", ".join(BENCHMARKS) + ".")
+    sub.add_argument("benchmark", metavar="NAME")
+    sub.add_argument("options", nargs=argparse.REMAINDER, help="its own options, see `minicloth bench NAME --help`")
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command. Returns the exit code: 0, 2 for what the user can put right, 130 when interrupted."""
+    given = parser().parse_args(argv)
+    try:
+        text = given.run(given)
+        if text:
+            print(text, flush=True)
+    except BrokenPipeError:  # whoever reads the output has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (ValueError, OSError, ImportError) as error:
+        print(f"minicloth: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""What the ``minicloth`` commands do; ``cloth_envs.cli`` parses their arguments."""

@@ -1,0 +1,168 @@
+"""The chart of a comparison: speed against error, both on logarithmic axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cloth_envs.commands.measure import Comparison
+from cloth_envs.commands.tables import machine
+
+# Okabe & Ito (2008), distinct for every kind of colour vision; black and yellow are left out.
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+MARKERS = ("o", "s", "D", "^", "v", "P")
+INK, GRID = "#2b3640", "#dfe4e8"
+WIDTH, HEIGHT = 7.2, 4.6  # inches: the width of a page
+
+
+def import_figure() -> Any:
+    """Matplotlib's ``Figure``, drawing to files only.
+
+    Raises:
+        ImportError: missing; says what to install.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError(f'charts need Matplotlib ({error}): pip install "minicloth[render]"') from error
+    return Figure
+
+
+def spread(places: np.ndarray, gap: float) -> np.ndarray:
+    """``places`` moved apart to at least ``gap``, each as little as pushing neighbours allows."""
+    order = np.argsort(places)
+    moved = places[order].astype(float)
+    for _ in range(200):
+        short = gap - np.diff(moved)
+        if (short <= 1e-6).all():
+            break
+        push = np.maximum(short, 0) / 2
+        moved[1:] += push
+        moved[:-1] -= push
+    result = np.empty_like(moved)
+    result[order] = moved
+    return result
+
+
+def limits(low: float, high: float, room: float = 0.12) -> tuple[float, float]:
+    """Ends of a logarithmic axis: at least one decade, with ``room`` of its length at either end."""
+    a, b = np.log10(low), np.log10(high)
+    extra = max(0.0, 1 - (b - a)) / 2
+    a, b = a - extra, b + extra
+    return 10 ** (a - room * (b - a)), 10 ** (b + room * (b - a))
+
+
+def _two_and_five(value: float, _: int) -> str:
+    """A label for every 2 and 5 between the decades."""
+    return f"{value:g}" if round(value / 10 ** np.floor(np.log10(value) + 1e-9)) in (2, 5) else ""
+
+
+def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: str) -> None:
+    """Write the chart to each of ``paths`` (``.png``, ``.svg``).
+
+    Args:
+        horizon: frames after a restart from the truth at which the error is taken, one of the comparison's.
+
+    Entries that failed within the horizon, or don't differ from the truth, are named below the chart instead.
+    """
+    figure_class = import_figure()
+    column = comparison.horizons.index(horizon)
+    shown = [r for r in comparison.results if np.isfinite(r.errors[:, column]).all() and r.errors[:, column].min() > 0]
+    left_out = [
+        f"{r.entry.label} ({'failed' if np.isnan(r.errors[:, column]).any() else 'equals the truth'})"
+        for r in comparison.results
+        if not any(r is s for s in shown)
+    ]
+    backends = list(dict.fromkeys(r.entry.backend for r in comparison.results))
+    figure = figure_class(figsize=(WIDTH, HEIGHT), layout="constrained")
+    axes = figure.add_subplot()
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    times = np.array([r.ms for r in shown]).reshape(-1, 3)
+    errors = np.array([100 * r.errors[:, column] for r in shown]).reshape(len(shown), -1)
+    mean = errors.mean(1)
+    for backend in backends:
+        mine = [i for i, r in enumerate(shown) if r.entry.backend == backend]
+        color = COLORS[backends.index(backend) % len(COLORS)]
+        line = sorted(mine, key=lambda i: times[i, 1])
+        axes.plot(times[line, 1], mean[line], color=color, lw=1.2, alpha=0.45, zorder=1)
+        axes.errorbar(
+            times[mine, 1],
+            mean[mine],
+            xerr=np.abs(times[mine][:, [0, 2]] - times[mine, 1:2]).T,
+            yerr=np.abs(np.stack([errors[mine].min(1), errors[mine].max(1)]) - mean[mine]),
+            fmt=MARKERS[backends.index(backend) % len(MARKERS)],
+            color=color,
+            ms=8,
+            mec="white",
+            mew=1.0,
+            elinewidth=1.1,
+            capsize=2.5,
+            zorder=3,
+        )
+    if shown:
+        axes.set_xlim(limits(times[:, 0].min(), times[:, 2].max(), 0.16))
+        axes.set_ylim(limits(errors.min(), errors.max()))
+    seconds = horizon * comparison.scene.frame_dt
+    frames = "1 frame" if horizon == 1 else f"{horizon} frames"
+    axes.set_xlabel(f"time for a frame of {comparison.scene.frame_dt * 1e3:g} ms [ms], physics only (left is faster)")
+    axes.set_ylabel("mean vertex error [% of cloth length]\n(lower is closer)")
+    axes.set_title(
+        f"{comparison.scene.name}: speed against error after {frames} ({seconds:g} s)",
+        loc="left",
+        fontweight="bold",
+        color=INK,
+    )
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(lambda value, _: f"{value:g}")
+        if np.ptp(np.log10(axis.get_view_interval())) < 3:
+            axis.set_minor_formatter(_two_and_five)
+    axes.tick_params(which="minor", labelsize=8)
+    axes.grid(True, which="major", color=GRID, lw=0.8)
+    axes.grid(True, which="minor", color=GRID, lw=0.4, alpha=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(colors=INK, which="both")
+    count = len(comparison.starts)
+    note = (
+        f"{setup}. {machine()}.\nBars: quartiles of the time; range of the error over {count} restarts from the truth."
+    )
+    if left_out:
+        note += f"\nNot shown: {', '.join(left_out)}."
+    figure.text(0.0, -0.01, note, fontsize=7.5, color=INK, va="top", ha="left")
+    figure.draw_without_rendering()
+    if shown:
+        _label(axes, [r.entry.label for r in shown], times[:, 1], mean)
+    for path in paths:
+        figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.12, facecolor="white")
+
+
+def _label(axes: Any, labels: list[str], x: np.ndarray, y: np.ndarray) -> None:
+    """Names beside the markers, moved apart, on the side that has more room."""
+    from matplotlib.patheffects import withStroke
+
+    box = axes.get_window_extent()
+    pixels = axes.transData.transform(np.stack([x, y], 1))
+    dpi = axes.figure.dpi / 72
+    right = pixels[:, 0] < box.x0 + 0.55 * box.width
+    for side in (True, False):
+        mine = np.flatnonzero(right == side)
+        if not len(mine):
+            continue
+        height = spread(pixels[mine, 1], 13 * dpi)
+        for i, at in zip(mine, height, strict=True):
+            axes.annotate(
+                labels[i],
+                (x[i], y[i]),
+                ((10 if side else -10), (at - pixels[i, 1]) / dpi + (6 if side else -7)),
+                textcoords="offset points",
+                ha="left" if side else "right",
+                va="center",
+                fontsize=9,
+                color=INK,
+                zorder=4,
+                path_effects=[withStroke(linewidth=3, foreground="white")],
+            )

@@ -1,0 +1,46 @@
+"""``minicloth list``: what there is."""
+
+from __future__ import annotations
+
+import inspect
+
+from cloth_envs.commands.policies import POLICIES
+from cloth_envs.material import FABRICS
+from cloth_envs.registry import BACKENDS, EPISODE_FRAMES, SCENES, env_id, load_backend, load_task
+
+
+def table(rows: list[list[str]]) -> str:
+    """Columns as wide as their longest entry."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    lines = ["  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    return "\n".join(lines)
+
+
+def everything() -> str:
+    """Scenes, backends, fabrics and policies as text."""
+    scenes = [["scene", "grid", "frame", "episode", "action, each in [-1, 1]"]]
+    for name in SCENES:
+        task = load_task(name)
+        rows, cols = task.resolution
+        frames = EPISODE_FRAMES[name]
+        episode = f"{frames} frames, {frames * task.frame_dt:g} s"
+        scenes.append([name, f"{rows} x {cols}", f"{task.frame_dt * 1e3:g} ms", episode, ", ".join(task.actions)])
+    backends = [[name, (inspect.getdoc(load_backend(name)) or "").split("\n")[0]] for name in BACKENDS]
+    fabrics = [["fabric", "kg/m^2", "stretch N/m", "shear N/m", "bend N m", "drag 1/s"]]
+    for name, m in FABRICS.items():
+        numbers = (m.areal_density, m.stretch_stiffness, m.shear_stiffness, m.bend_stiffness, m.drag)
+        fabrics.append([name, *(f"{value:g}" for value in numbers)])
+    parts = [table(scenes), table([["backend", ""], *backends]), table(fabrics)]
+    parts.append(table([["policy", ""], *([name, text] for name, text in POLICIES.items())]))
+    return "\n\n".join(parts)
+
+
+def scene(name: str) -> str:
+    """What one scene models, and its task.
+
+    Raises:
+        ValueError: an unknown scene; the nearest match is named.
+    """
+    task = load_task(name)
+    world = task.make_scene(resolution=task.resolution, material=task.material)
+    return f"{env_id(name)}\n\n{world.describe()}\n\n{inspect.getdoc(task)}"

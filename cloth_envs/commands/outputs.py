@@ -1,0 +1,144 @@
+"""Files that commands write: checked before anything is simulated, and written by imageio."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from cloth_envs.rendering import Camera, Renderer, framing
+from cloth_envs.rendering.renderer import import_pyvista
+from cloth_envs.scene import Scene
+from cloth_envs.state import State
+
+
+def import_imageio() -> ModuleType:
+    """imageio with its ffmpeg.
+
+    Raises:
+        ImportError: missing; says what to install.
+    """
+    try:
+        import imageio.v2
+        import imageio_ffmpeg  # noqa: F401
+    except ImportError as error:
+        raise ImportError(f'pictures and videos need imageio ({error}): pip install "minicloth[render]"') from error
+    return imageio.v2
+
+
+def check_file(path: str | Path, *, suffixes: Sequence[str] = ()) -> Path:
+    """A file that can be written (an existing one stays as it is).
+
+    Raises:
+        ValueError: another suffix than ``suffixes``.
+        OSError: it can't be written.
+    """
+    path = Path(path)
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise ValueError(f"{path} must end in {' or '.join(suffixes)}")
+    existed = path.exists()
+    try:
+        with path.open("ab"):
+            pass
+    except OSError as error:
+        folder = path.absolute().parent
+        advice = "choose a path that you may write" if folder.is_dir() else f"create the folder {folder} first"
+        raise OSError(f"can't write {path} ({error.strerror}): {advice}") from error
+    if not existed:
+        path.unlink()
+    return path
+
+
+def check_folder(path: str | Path) -> Path:
+    """A folder that can be written, made if need be.
+
+    Raises:
+        OSError: it can't be made or written.
+    """
+    path = Path(path)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    except OSError as error:
+        raise OSError(f"can't write into {path} ({error.strerror}): choose a folder that you may write") from error
+    return path
+
+
+def open_video(path: Path, fps: float) -> Any:
+    """An imageio stream to an H.264 file that every player knows; pictures have even sides."""
+    return import_imageio().get_writer(
+        path, fps=fps, codec="libx264", quality=8, macro_block_size=2, pixelformat="yuv420p", ffmpeg_log_level="error"
+    )
+
+
+def check_pictures(video: str | Path | None, images: str | Path | None) -> None:
+    """That ``video`` (an ``.mp4`` file) and ``images`` (a folder, made if need be) can be written and drawn.
+
+    Raises:
+        ImportError: a package is missing; says what to install.
+        OSError, ValueError: an output that can't be written.
+    """
+    if video is not None:
+        check_file(video, suffixes=(".mp4",))
+    if images is not None:
+        check_folder(images)
+    if video is not None or images is not None:
+        import_imageio()
+        import_pyvista()
+
+
+def write_pictures(
+    scene: Scene,
+    states: Sequence[State],
+    *,
+    video: str | Path | None = None,
+    images: str | Path | None = None,
+    strain: bool = False,
+) -> None:
+    """Draw ``states`` to an H.264 video at the simulated speed, to numbered PNG images, to both or to none.
+
+    ``strain`` colours the cloth by its strain.
+    """
+    if video is None and images is None:
+        return
+    with ExitStack() as stack:
+        renderer = Renderer(
+            scene, color="strain" if strain else "fabric", camera=fixed_camera(scene, [states], aspect=4 / 3)
+        )
+        stack.callback(renderer.close)
+        stream = None if video is None else stack.enter_context(open_video(Path(video), 1 / scene.frame_dt))
+        for number, state in enumerate(tqdm(states, "pictures", unit="frame", disable=None)):
+            picture = renderer.draw(state)
+            if stream is not None:
+                stream.append_data(picture)
+            if images is not None:
+                import_imageio().imwrite(Path(images) / f"frame_{number:05d}.png", picture)
+
+
+def fixed_camera(scene: Scene, runs: Sequence[Sequence[State]], *, aspect: float, below: float = 0.0) -> Camera:
+    """A camera that shows all of ``runs`` from start to end, each at a resolution of its own.
+
+    ``aspect`` is the picture's width over its height; ``below`` the share of the height to keep free under them.
+    """
+    points = []
+    for states in runs:
+        own = framing.at_resolution(scene, states[0].positions.shape[2:])
+        lattice = own.grid.keypoints(min(9, own.grid.rows), min(9, own.grid.cols))
+        ground = framing.reach(own, states[0])[0, 2]
+        for state in states[:: max(1, len(states) // 40)]:
+            points.append(state.positions[0].reshape(3, -1).T[lattice])
+            points.append(np.array([[*framing.anchor(own, state, 0)[:2], ground]]))
+            for body, ends in zip(scene.colliders, state.colliders[0], strict=True):
+                around = body.radius * np.concatenate([np.eye(3), -np.eye(3)])
+                points += [end + around for end in ends if body.radius]
+    towards = framing.direction(scene, runs[0][0])
+    fitted = framing.fit(np.concatenate(points).astype(float), towards, aspect, below)
+    position, focal_point, up = ((float(x), float(y), float(z)) for x, y, z in fitted)
+    return Camera(position, focal_point, up)

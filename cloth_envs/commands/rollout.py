@@ -1,0 +1,102 @@
+"""``minicloth rollout`` and ``minicloth render``: simulate once, look at it as often as you like."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+from tqdm import tqdm
+
+from cloth_envs.commands.outputs import check_file, check_pictures, write_pictures
+from cloth_envs.commands.policies import open_loop
+from cloth_envs.recording import RecordRollout, Rollout
+from cloth_envs.registry import EPISODE_FRAMES, env_id, load_task
+
+
+def rollout(
+    scene: str,
+    *,
+    frames: int | None = None,
+    seed: int = 0,
+    policy: str = "smooth",
+    backend: str = "reference",
+    backend_kwargs: Mapping[str, Any] | None = None,
+    material: str | Mapping[str, float] | None = None,
+    resolution: Sequence[int] | None = None,
+    video: str | None = None,
+    images: str | None = None,
+    hdf5: str | None = None,
+    strain: bool = False,
+    overwrite: bool = False,
+) -> str:
+    """One episode; returns what happened as text.
+
+    Raises:
+        ValueError, OSError, ImportError: a bad name or number, an output that can't be written, a package
+            that is missing; nothing has been simulated by then.
+    """
+    task = load_task(scene)
+    frames = EPISODE_FRAMES[scene] if frames is None else frames
+    actions = open_loop(policy, frames, len(task.actions), task.frame_dt, seed).astype("f4")
+    check_pictures(video, images)
+    if hdf5 is not None and Path(hdf5).exists() and not overwrite:
+        raise FileExistsError(f"{hdf5} exists and stays as it is: choose another name or add --overwrite")
+    if hdf5 is not None:
+        check_file(hdf5)
+    with ExitStack() as stack:
+        env: gym.Env[Any, Any] = gym.make(
+            env_id(scene),
+            max_episode_steps=frames,
+            disable_env_checker=True,
+            backend=backend,
+            backend_kwargs=dict(backend_kwargs or {}),
+            material=material,
+            resolution=resolution,
+        )
+        stack.callback(env.close)
+        cloth: Any = env.unwrapped
+        drawn = video is not None or images is not None
+        if hdf5 is not None:
+            env = RecordRollout(env, hdf5, overwrite=overwrite)
+            stack.callback(env.close)
+        env.reset(seed=seed)
+        states = [cloth.state.copy()]
+        total, failure = 0.0, None
+        for action in tqdm(actions, scene, unit="frame", disable=None):
+            _, reward, terminated, _, info = env.step(action)
+            total += float(reward)
+            if drawn:
+                states.append(cloth.state.copy())
+            if terminated:
+                failure = info["failure"]
+                break
+        seconds = cloth.time
+    write_pictures(cloth.scene, states, video=video, images=images, strain=strain)
+    ended = f"failed ({failure})" if failure else "ended"
+    lines = [f"{scene} {ended} after {seconds:.2f} s, mean reward {total / frames:.3f}"]
+    lines += [f"wrote {path}" for path in (hdf5, video, images) if path is not None]
+    return "\n".join(lines)
+
+
+def render(
+    file: str, *, trajectory: int = 0, video: str | None = None, images: str | None = None, strain: bool = False
+) -> str:
+    """Draw one trajectory of a rollout file; without any output, to a video beside it.
+
+    Raises:
+        ValueError, OSError, ImportError: see ``Rollout.open`` and ``check_pictures``.
+    """
+    with Rollout.open(file) as record:
+        scene, states = record.scene, list(record.states(trajectory))
+    if not states:
+        raise ValueError(
+            f"trajectory {trajectory} of {file} holds no whole frame: its writer was killed; choose another"
+        )
+    if video is None and images is None:
+        video = str(Path(file).with_suffix(".mp4"))
+    check_pictures(video, images)
+    write_pictures(scene, states, video=video, images=images, strain=strain)
+    return "\n".join(f"wrote {path}" for path in (video, images) if path is not None)
