@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any
+from typing import Any, NoReturn
 
 from cloth_envs import __version__
 from cloth_envs.naming import unknown_name
@@ -67,11 +67,11 @@ def _compare(given: argparse.Namespace) -> str:
     )
 
 
-def _bench(given: argparse.Namespace) -> str:
+def _bench(given: argparse.Namespace) -> NoReturn:
     if given.benchmark not in BENCHMARKS:
         raise unknown_name("benchmark", given.benchmark, BENCHMARKS)
     module, function = BENCHMARKS[given.benchmark].split(":")
-    return getattr(import_module(module), function)(given.options) or ""
+    sys.exit(getattr(import_module(module), function)(given.options))
 
 
 def _material(text: str | None) -> Any:
