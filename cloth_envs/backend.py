@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from inspect import signature
 from typing import Any, Protocol
 
 from cloth_envs import registry
 from cloth_envs.material import Material
+from cloth_envs.naming import unknown_name
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -49,4 +51,9 @@ def make_backend(name: str, scene: Scene, backend_kwargs: dict[str, Any] | None 
     Raises:
         ValueError: an unknown backend or keyword; the nearest match and the choices are named.
     """
-    return registry.load_backend(name)(scene, **(backend_kwargs or {}))
+    backend, given = registry.load_backend(name), backend_kwargs or {}
+    known = [p.name for p in signature(backend).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    for keyword in given:
+        if keyword not in known:
+            raise unknown_name(f"keyword in backend_kwargs of {name!r},", keyword, known)
+    return backend(scene, **given)

@@ -199,6 +199,7 @@ def test_a_failed_simulation_ends_the_episode_with_its_last_good_state() -> None
         ({"scene": "Flagg"}, ["Flagg", "'Flag'"]),
         ({"backend": "referense"}, ["'reference'"]),
         ({"backend_kwargs": {"dtype": "float23"}}, ["'float32'"]),
+        ({"backend_kwargs": {"thread": 2}}, ["backend_kwargs", "'threads'"]),
         ({"backend_kwargs": {"threads": 0}}, ["threads", "at least 1"]),
         ({"backend_kwargs": {"substeps": 2}}, ["unstable", "at least"]),
         ({"obs": "keypoint"}, ["'keypoints'"]),

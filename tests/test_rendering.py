@@ -152,12 +152,12 @@ def test_depth_is_infinite_where_nothing_is():
 def test_views_stand_side_by_side_at_any_resolution():
     scene, state = make_scene("pole")
     coarse = State.still(sheet(5, 7))
-    drawer = Renderer(scene, views=2, captions=["fine", "coarse"], width=320, height=120)
+    drawer = Renderer(scene, views=2, captions=["fine", "coarse"], width=640, height=240)
     image = drawer.draw([state, coarse])
-    assert image.shape == (120, 320, 3)
-    left, right = image[:85, :160], image[:85, 160:]
+    assert image.shape == (240, 640, 3)
+    left, right = image[:170, :320], image[:170, 320:]
     assert 0 < (np.abs(left.astype(int) - right).max(-1) > 40).mean() < 0.1
-    assert (image[100:, :160] != image[100:, 160:]).any()
+    assert (image[200:, :320] != image[200:, 320:]).any()
     same = drawer.draw([coarse.copy() if s is coarse else s for s in (state, coarse)])
     np.testing.assert_array_equal(image, same)
     with pytest.raises(ValueError, match="another Renderer"):

@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import csv
 import os
-import platform
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from cloth_envs.commands.measure import REPEATS, Comparison
+from cloth_envs.machine import processor
 
 
 def machine() -> str:
     """The processor and that one thread of it was used."""
-    name = platform.processor() or platform.machine()
-    info = Path("/proc/cpuinfo")
-    if info.is_file():
-        lines = [line for line in info.read_text().splitlines() if line.startswith("model name")]
-        name = lines[0].split(":", 1)[1].strip() if lines else name
-    return f"{name}, 1 thread of {os.cpu_count()}"
+    return f"{processor()}, 1 thread of {os.cpu_count()}"
 
 
 def percent(values: np.ndarray) -> list[float]:

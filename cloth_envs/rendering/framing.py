@@ -14,6 +14,7 @@ from cloth_envs.state import State
 VIEW_ANGLE = 28.0  # degrees, vertical
 FILL = 0.90  # fraction of the picture that the scene may fill
 SLACK = 0.25  # fraction of the cloth's size that handles or bodies may move before the camera follows
+TURN_ROUND = 0.6  # of a flag's length that is kept free around its pole
 FLOOR_GAP = {"pole": 0.0, "rail": 0.03, "frame": 0.0, "belt": 0.25, "pins": 0.15, "free": 0.0}  # of the cloth's size
 HEADROOM = {"pole": 0.06, "rail": 0.05, "frame": 0.0, "belt": 0.0, "pins": 0.04, "free": 0.0}  # of the cloth's size
 ELEVATION = {"pole": 9.0, "rail": 9.0, "frame": 24.0, "belt": 14.0, "pins": 14.0, "free": 24.0}  # degrees
@@ -97,6 +98,10 @@ def reach(scene: Scene, state: State, member: int = 0) -> np.ndarray:
     elif kind != "free":
         handles = points[list(scene.handles)]
         low[2] = min(low[2], lowest_hang(grid, scene.handles, handles[:, 2]))
+        if kind == "pole":  # the wind may turn, or the pole be walked about
+            foot = handles.mean(0)
+            low[:2] = np.minimum(low, foot - TURN_ROUND * grid.width)[:2]
+            high[:2] = np.maximum(high, foot + TURN_ROUND * grid.width)[:2]
         if kind == "rail":
             along = np.abs(handles[-1] - handles[0])
             half = along / max(float(np.linalg.norm(along)), 1e-9) * grid.width / 2  # drawn open

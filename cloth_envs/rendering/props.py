@@ -152,10 +152,10 @@ class Capsule:
 class Arrow:
     """The wind, drawn over the ground under the cloth: along it, its length as the root of the speed."""
 
-    def __init__(self, pv: Any, plotter: Any, scene: Scene, box: np.ndarray) -> None:
+    def __init__(self, pv: Any, plotter: Any, scene: Scene, foot: np.ndarray) -> None:
         self.fastest = max(scene.wind.max_speed if scene.wind else 0.0, 1e-9)
         self.length = 0.6 * max(scene.grid.width, scene.grid.height)
-        self.centre = np.array([*box.mean(0)[:2], box[0, 2] + 0.09 * self.length])
+        self.centre = foot + [0.0, 0.0, 0.09 * self.length]
         mesh = pv.Arrow(tip_length=0.32, tip_radius=0.085, shaft_radius=0.03, tip_resolution=24, shaft_resolution=16)
         self.actor = plotter.add_mesh(mesh, color=look.ARROW, **look.SOLID)
 

@@ -61,7 +61,8 @@ class View:
             *((part.mesh, part.color, part.options) for part in self.parts),
         ]:
             plotter.add_mesh(mesh, color=color, **look.SOLID, **options).prop.interpolation = "Phong"
-        self.arrow = None if scene.wind is None else Arrow(pv, plotter, scene, box)
+        below = np.array([*state.positions[member, :2].mean((1, 2)), box[0, 2]])
+        self.arrow = None if scene.wind is None else Arrow(pv, plotter, scene, below)
         self.decoration = [self.ground.actor, self.ground.tiles] + ([self.arrow.actor] if self.arrow else [])
 
     def _handles(self, state: State, member: int) -> np.ndarray:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cloth_envs.grid import Grid
+from cloth_envs.machine import header
 from cloth_envs.material import Material
 from cloth_envs.physics import reference
 from cloth_envs.physics.explicit import ExplicitBackend
@@ -21,7 +22,7 @@ from cloth_envs.registry import SCENES
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
 from training.bench import frames
-from training.bench.machine import header, peak_flops
+from training.bench.roofline import peak_flops
 
 SIZES = {"Flag": Grid(33, 49, 1.0, 1.5), "Curtain": Grid(73, 49, 1.5, 1.0), "4x Curtain": Grid(145, 97, 1.5, 1.0)}
 SUBSTEPS = 100

@@ -172,7 +172,7 @@ void contact(const Geometry<T>& g, const BodyStep<T>& b, const Planes<T>& in, co
     if (!any) continue;
     const V3<T> v = at(out.v, i), u = v - body;
     const V<T> un = dot(u, n);
-    const V<T> stop = touching & (un < T(0)) ? -un : zero;  // normal change of velocity
+    const V<T> stop = (touching & (un < T(0))) ? -un : zero;  // normal change of velocity
     const V3<T> slide = u - un * n;
     const V<T> held = friction * stop * rsqrt(dot(slide, slide) + tiny<T>);
     const V<T> hold = held < T(1) ? held : one;
