@@ -155,7 +155,7 @@ class Arrow:
     def __init__(self, pv: Any, plotter: Any, scene: Scene, foot: np.ndarray) -> None:
         self.fastest = max(scene.wind.max_speed if scene.wind else 0.0, 1e-9)
         self.length = 0.6 * max(scene.grid.width, scene.grid.height)
-        self.centre = foot + [0.0, 0.0, 0.09 * self.length]
+        self.centre = foot + np.array([0.0, 0.0, 0.09 * self.length])
         mesh = pv.Arrow(tip_length=0.32, tip_radius=0.085, shaft_radius=0.03, tip_resolution=24, shaft_resolution=16)
         self.actor = plotter.add_mesh(mesh, color=look.ARROW, **look.SOLID)
 
