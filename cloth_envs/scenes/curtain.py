@@ -9,7 +9,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, bow, mean, tolerance
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, bow, tolerance
 from cloth_envs.state import Controls
 
 RINGS = 7
@@ -123,7 +123,6 @@ class Curtain(Task):
         return extras
 
     def reward(self, episode: Episode) -> np.ndarray:
-        sway = episode.cloth_velocity[:, 1].take(self.keypoints, 1)
-        swing = np.sqrt(mean(sway * sway))
+        swing = np.sqrt(self.mean_square_velocity(episode)[:, 1])
         cover = tolerance(self.covered(episode) - episode.memory["target"], COVER_MARGIN)
         return cover * (0.25 + 0.75 * tolerance(swing, CALM_MARGIN))

@@ -100,7 +100,7 @@ class Flag(Task):
     def wind(self, episode: Episode) -> np.ndarray:
         """The wind now, ``(B, 3)`` [m/s]."""
         memory = episode.memory
-        blow = gust(memory["gusts"], episode.state.time[:, None, None])
+        blow = gust(memory["gusts"], episode.state.time[:, None])
         speed = memory["speed"] * (1.0 + GUST * blow[:, 0])
         heading = memory["heading"] + BACKING * blow[:, 1]
         wind = np.zeros((len(speed), 3))

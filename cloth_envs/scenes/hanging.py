@@ -7,7 +7,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, draw_gust, grip, gust, mean, tolerance
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, draw_gust, grip, gust, tolerance
 from cloth_envs.state import Controls
 
 SPEED, ACCELERATION = 1.0, 10.0  # m/s of the corner at full action, m/s^2
@@ -100,7 +100,7 @@ class Hanging(Task):
         controls = self.hold(episode)
         controls.handle_positions += moved[:, None]
         controls.handle_velocities += speed[:, None]
-        controls.pressure = BREEZE * gust(episode.memory["tones"], state.time[:, None, None])[:, 0]
+        controls.pressure = BREEZE * gust(episode.memory["tones"], state.time[:, None])[:, 0]
         return controls
 
     def observe(self, episode: Episode) -> np.ndarray:
@@ -113,8 +113,8 @@ class Hanging(Task):
 
     def reward(self, episode: Episode) -> np.ndarray:
         away = self.middle(episode) - episode.memory["goal"]
-        velocity = episode.cloth_velocity.take(self.keypoints, 2).reshape(len(away), -1)
-        distance, speed = np.sqrt((away * away).sum(1)), np.sqrt(3.0 * mean(velocity * velocity))
+        distance = np.sqrt((away * away).sum(1))
+        speed = np.sqrt(self.mean_square_velocity(episode).sum(1))
         return tolerance(distance, PLACE_MARGIN) * (0.25 + 0.75 * tolerance(speed, CALM_MARGIN))
 
 

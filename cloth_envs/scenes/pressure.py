@@ -13,7 +13,7 @@ from cloth_envs.state import Controls
 FULL_PRESSURE = 40.0  # Pa
 PUMP = 0.06  # s, time in which the pressure approaches the wanted one
 TARGET_HEIGHT = 0.15  # m, times a gust signal in [-1, 1]
-PREVIEW = np.array([[[0.0], [0.1]]])  # s, the target is shown now and ahead
+PREVIEW = np.array([[0.0, 0.1]])  # s, the target is shown now and ahead
 MARGIN = 0.05  # m
 BULGE = 0.04  # m, largest starting apex height
 
@@ -91,7 +91,7 @@ class Pressure(Task):
 
     def target(self, episode: Episode) -> np.ndarray:
         """The wanted apex height now and in 0.1 s, ``(B, 2)`` [m]."""
-        return TARGET_HEIGHT * gust(episode.memory["tones"], episode.state.time[:, None, None] + PREVIEW)
+        return TARGET_HEIGHT * gust(episode.memory["tones"], episode.state.time[:, None] + PREVIEW)
 
     def observe(self, episode: Episode) -> np.ndarray:
         extras = np.empty((episode.state.batch, 5), np.float32)

@@ -113,6 +113,10 @@ class Task(ABC):
         """Mean velocity of the keypoints, ``(B, 3)`` [m/s]."""
         return kernels.mean_point(episode.state.velocities, self.keypoints)
 
+    def mean_square_velocity(self, episode: Episode) -> np.ndarray:
+        """Mean squares over the keypoints of each component, ``(B, 3)`` [m^2/s^2]."""
+        return kernels.mean_square(episode.state.velocities, self.keypoints)
+
     @abstractmethod
     def observe(self, episode: Episode) -> np.ndarray:
         """The extras, ``(B, len(extras))``."""
@@ -122,12 +126,9 @@ class Task(ABC):
         """``(B,)`` in [0, 1]."""
 
 
-TENTH = float(np.log(0.1))
-
-
 def tolerance(error: np.ndarray, margin: float) -> np.ndarray:
-    """1 where ``error`` is 0, falling as a Gaussian to 0.1 where it is ``margin``."""
-    return np.exp(error * error * (TENTH / margin**2))
+    """1 where ``error`` ``(B,)`` is 0, falling as a Gaussian to 0.1 where it is ``margin``."""
+    return kernels.tolerance(error, margin)
 
 
 def mean(values: np.ndarray) -> np.ndarray:
@@ -203,5 +204,5 @@ def draw_gust(rng: np.random.Generator, signals: int = 1) -> np.ndarray:
 
 
 def gust(tones: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Smooth signals in [-1, 1], ``(B, signals)``, at ``time`` ``(B, 1, 1)`` or ``(B, signals, 1)`` from ``tones``."""
-    return mean(np.sin(tones[:, 0] * time + tones[:, 1]))
+    """Smooth signals in [-1, 1], ``(B, signals)``, at ``time`` ``(B, 1)``; of one signal also at times ``(B, K)``."""
+    return kernels.gust(tones, time)

@@ -5,6 +5,7 @@
 #include <nanobind/ndarray.h>
 
 #include <algorithm>
+#include <cmath>
 #include <vector>
 
 namespace nb = nanobind;
@@ -39,15 +40,53 @@ Array take_points(Cloth<T> x, Vertices vertices) {
   return out;
 }
 
-template <class T>
-Array mean_point(Cloth<T> x, Vertices vertices) {
+// The mean of f over some vertices, for each axis of each cloth.
+template <class T, class F>
+Array mean_of(const Cloth<T>& x, const Vertices& vertices, const F& f) {
   const std::size_t batch = x.shape(0), n = x.shape(2) * x.shape(3), count = vertices.shape(0);
   Array out = fresh({batch, 3});
   for (std::size_t row = 0; row < 3 * batch; ++row) {
     double sum = 0;
-    for (std::size_t i = 0; i < count; ++i) sum += x.data()[row * n + vertices.data()[i]];
+    for (std::size_t i = 0; i < count; ++i) sum += f(double(x.data()[row * n + vertices.data()[i]]));
     out.data()[row] = sum / double(count);
   }
+  return out;
+}
+template <class T>
+Array mean_point(Cloth<T> x, Vertices vertices) {
+  return mean_of(x, vertices, [](double a) { return a; });
+}
+template <class T>
+Array mean_square(Cloth<T> x, Vertices vertices) {
+  return mean_of(x, vertices, [](double a) { return a * a; });
+}
+
+// A Gaussian of the error that is 0.1 at the margin.
+template <class T>
+Array tolerance(nb::ndarray<const T, nb::ndim<1>, nb::device::cpu> error, double margin) {
+  Array out = fresh({error.shape(0)});
+  for (std::size_t b = 0; b < error.shape(0); ++b) {
+    const double e = double(error(b)) / margin;
+    out.data()[b] = std::exp(std::log(0.1) * e * e);
+  }
+  return out;
+}
+
+// Means of sines, (B, J): signal j of the tones (B, 2, S, N) at time j of (B, K), where S or K may be 1.
+Array gust(nb::ndarray<const double, nb::ndim<4>, nb::c_contig, nb::device::cpu> tones, Pairs<double> time) {
+  const std::size_t batch = tones.shape(0), signals = tones.shape(2), count = tones.shape(3), times = time.shape(1);
+  if (time.shape(0) != batch || (signals != times && signals != 1 && times != 1))
+    throw nb::value_error("tones must be (B, 2, S, N), times (B, K) with S = K or either 1");
+  const std::size_t n = std::max(signals, times);
+  Array out = fresh({batch, n});
+  for (std::size_t b = 0; b < batch; ++b)
+    for (std::size_t j = 0; j < n; ++j) {
+      const std::size_t s = signals == 1 ? 0 : j;
+      double sum = 0;
+      for (std::size_t i = 0; i < count; ++i)
+        sum += std::sin(tones(b, 0, s, i) * time(b, times == 1 ? 0 : j) + tones(b, 1, s, i));
+      out.data()[b * n + j] = sum / double(count);
+    }
   return out;
 }
 
@@ -76,6 +115,8 @@ template <class T>
 void bind(nb::module_& m) {
   m.def("take_points", &take_points<T>, "Some vertices of (B, 3, H, W) as (B, N, 3), float64.");
   m.def("mean_point", &mean_point<T>, "The mean of some vertices of (B, 3, H, W), (B, 3), float64.");
+  m.def("mean_square", &mean_square<T>, "The mean square of some vertices of (B, 3, H, W), (B, 3), float64.");
+  m.def("tolerance", &tolerance<T>, "A Gaussian of an error (B,), 1 at 0 and 0.1 at the margin; float64.");
   m.def("drive", &drive<T>, "How far a driven thing moves in a frame, and its velocity at the end, (B, n) each.");
 }
 
@@ -84,6 +125,7 @@ void bind(nb::module_& m) {
 void bind_episode(nb::module_& m) {
   bind<float>(m);
   bind<double>(m);
+  m.def("gust", &gust, "Smooth signals in [-1, 1], (B, J), from tones (B, 2, S, N) at times (B, K).");
 }
 
 }  // namespace minicloth
