@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from math import isfinite
 from typing import Any
 
 import numpy as np
-from _minicloth_kernels import gather
+from _minicloth_kernels import clip_actions, gather
 from gymnasium import spaces
 
 from cloth_envs.backend import make_backend
@@ -151,10 +150,11 @@ class World:
             raise ValueError(
                 f"action has shape {actions.shape[1:]}, expected {expected[1:]}: {', '.join(self.task.actions)}"
             )
-        if not isfinite(float(actions.sum())):
+        clipped = clip_actions(actions)
+        if clipped is None:
             raise ValueError("action holds NaN or infinity; the state is unchanged, pass numbers in [-1, 1]")
         episode = self.episode
-        episode.action = np.minimum(np.maximum(actions, -1.0), 1.0)
+        episode.action = clipped
         episode.state = self.backend.advance(self.task.controls(episode))
         self.frames += 1
         reasons = self.failures.check(before, episode.state)

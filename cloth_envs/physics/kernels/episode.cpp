@@ -111,6 +111,19 @@ nb::tuple drive(Pairs<T> position, Pairs<T> velocity, Pairs<double> action, Row 
   return nb::make_tuple(moved, reached);
 }
 
+// Actions clipped to [-1, 1], or None if one is not finite.
+nb::object clip_actions(Pairs<double> actions) {
+  const std::size_t batch = actions.shape(0), n = actions.shape(1);
+  Array out = fresh({batch, n});
+  for (std::size_t b = 0; b < batch; ++b)
+    for (std::size_t k = 0; k < n; ++k) {
+      const double a = actions(b, k);
+      if (!std::isfinite(a)) return nb::none();
+      out.data()[b * n + k] = std::min(std::max(a, -1.0), 1.0);
+    }
+  return nb::cast(out);
+}
+
 template <class T>
 void bind(nb::module_& m) {
   m.def("take_points", &take_points<T>, "Some vertices of (B, 3, H, W) as (B, N, 3), float64.");
@@ -125,6 +138,7 @@ void bind(nb::module_& m) {
 void bind_episode(nb::module_& m) {
   bind<float>(m);
   bind<double>(m);
+  m.def("clip_actions", &clip_actions, "Actions (B, A) clipped to [-1, 1]; None if one is not finite.");
   m.def("gust", &gust, "Smooth signals in [-1, 1], (B, J), from tones (B, 2, S, N) at times (B, K).");
 }
 
