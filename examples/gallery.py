@@ -43,8 +43,11 @@ def picture(scene: str, seed: int, frames: int, active: bool) -> np.ndarray:
 def main(argv: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=OUT)
-    out = parser.parse_args(argv).out
-    tiles = [picture(scene, *moment) for scene, moment in MOMENTS.items()]
+    parser.add_argument("--starts", action="store_true", help="draw the starts only")
+    given = parser.parse_args(argv)
+    out = given.out
+    moments = {scene: (seed, 0 if given.starts else frames, on) for scene, (seed, frames, on) in MOMENTS.items()}
+    tiles = [picture(scene, *moment) for scene, moment in moments.items()]
     sheet = Image.fromarray(np.concatenate([np.concatenate(tiles[i : i + 3], 1) for i in (0, 3)], 0))
     out.parent.mkdir(parents=True, exist_ok=True)
     sheet.resize((1200, 600), Image.Resampling.LANCZOS).save(out, optimize=True)
