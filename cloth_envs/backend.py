@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from inspect import signature
 from typing import Any, Protocol
 
@@ -45,15 +45,18 @@ class Backend(Protocol):
         ...
 
 
-def make_backend(name: str, scene: Scene, backend_kwargs: dict[str, Any] | None = None) -> Backend:
-    """The backend ``name`` for ``scene``.
+def make_backend(
+    name: str, scene: Scene, *, num_envs: int = 1, backend_kwargs: Mapping[str, Any] | None = None
+) -> Backend:
+    """The backend ``name`` for a batch of ``num_envs`` cloths of ``scene``.
 
     Raises:
         ValueError: an unknown backend or keyword; the nearest match and the choices are named.
     """
     backend, given = registry.load_backend(name), backend_kwargs or {}
-    known = [p.name for p in signature(backend).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    keywords = [p.name for p in signature(backend).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    known = [keyword for keyword in keywords if keyword != "num_envs"]
     for keyword in given:
         if keyword not in known:
-            raise unknown_name(f"keyword in backend_kwargs of {name!r},", keyword, known)
-    return backend(scene, **given)
+            raise unknown_name(f"keyword for backend={name!r}:", keyword, known)
+    return backend(scene, num_envs=num_envs, **given)

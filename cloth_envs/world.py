@@ -51,7 +51,7 @@ class World:
         shape = _check_resolution(resolution, task_class.resolution)
         self.task = task_class(task_class.make_scene(resolution=shape, material=base))
         self.scene = self.task.scene
-        self.backend = make_backend(backend, self.scene, {**(backend_kwargs or {}), "num_envs": num_envs})
+        self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=backend_kwargs)
         self.num_envs, self.obs = num_envs, obs
         self.failures = Failures(self.scene)
         self.rngs: list[np.random.Generator | None] = [None] * num_envs
