@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from inspect import signature
 from typing import Any, Protocol
 
@@ -54,9 +54,19 @@ def make_backend(
         ValueError: an unknown backend or keyword; the nearest match and the choices are named.
     """
     backend, given = registry.load_backend(name), backend_kwargs or {}
-    keywords = [p.name for p in signature(backend).parameters.values() if p.kind is p.KEYWORD_ONLY]
-    known = [keyword for keyword in keywords if keyword != "num_envs"]
-    for keyword in given:
-        if keyword not in known:
-            raise unknown_name(f"keyword for backend={name!r}:", keyword, known)
+    check_keywords(backend, given, f"backend={name!r}")
     return backend(scene, num_envs=num_envs, **given)
+
+
+def check_keywords(factory: Callable[..., Any], given: Mapping[str, Any], whose: str) -> None:
+    """Refuse keywords that ``factory`` does not name; one that takes any (``**options``) checks them itself.
+
+    Raises:
+        ValueError: an unknown keyword; the nearest match and the choices are named.
+    """
+    parameters = signature(factory).parameters.values()
+    known = [p.name for p in parameters if p.kind is p.KEYWORD_ONLY and p.name != "num_envs"]
+    takes_any = any(p.kind is p.VAR_KEYWORD for p in parameters)
+    for keyword in given:
+        if keyword == "num_envs" or not (takes_any or keyword in known):
+            raise unknown_name(f"keyword for {whose}:", keyword, known)

@@ -20,7 +20,8 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
     Arguments:
         scene: the scene's name.
         backend: which physics, by name: spaces, seeds and task are the same for all.
-        backend_kwargs: passed to the backend (for ``"reference"`` see ``ExplicitBackend``).
+        backend_kwargs: passed to the backend; ``"reference"`` takes a ``solver`` and that solver's own options
+            (see ``cloth_envs.physics.solver.SOLVERS``).
         obs: ``"keypoints"``, a flat Box, or ``"mesh"``, a Dict of the geometry image ``mesh`` ``(6, H, W)``
             (positions, velocities) and the numbers of the ``task``.
         material: a fabric's name or a dict of ``Material`` properties.

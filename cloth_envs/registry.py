@@ -27,9 +27,9 @@ EPISODE_FRAMES: dict[str, int] = {
     "BallDrop": 200,
 }
 
-# name -> "module:Backend class", resolved on use.
+# name -> "module:class or function that makes a Backend", resolved on use.
 BACKENDS: dict[str, str] = {
-    "reference": "cloth_envs.physics.explicit:ExplicitBackend",
+    "reference": "cloth_envs.physics.solver:reference",
 }
 
 

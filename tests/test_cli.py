@@ -21,7 +21,7 @@ from cloth_envs.commands.measure import compare, restart
 from cloth_envs.commands.policies import POLICIES, open_loop
 from cloth_envs.commands.resample import cubic, resample
 from cloth_envs.grid import Grid
-from cloth_envs.physics.explicit import ExplicitBackend
+from cloth_envs.physics.explicit import ExplicitSolver
 from cloth_envs.recording import Rollout
 from cloth_envs.registry import load_task
 
@@ -133,7 +133,7 @@ def test_restart_keeps_bodies_goals_and_time() -> None:
     np.testing.assert_array_equal(coarse.episode.memory["goal"], fine.episode.memory["goal"])
 
 
-class Tearing(ExplicitBackend):
+class Tearing(ExplicitSolver):
     """Physics that tears the cloth in its third frame."""
 
     def advance(self, controls: cloth_envs.Controls) -> cloth_envs.State:

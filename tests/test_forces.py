@@ -10,7 +10,7 @@ import pytest
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.physics import reference
-from cloth_envs.physics.reference_stencil import edges
+from cloth_envs.physics.stencil import edges
 from cloth_envs.scene import Scene, Wind
 
 EPS = np.finfo(np.float64).eps

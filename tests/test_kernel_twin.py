@@ -10,7 +10,7 @@ import pytest
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.physics import reference
-from cloth_envs.physics.explicit import ExplicitBackend
+from cloth_envs.physics.explicit import ExplicitSolver
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
 
@@ -92,7 +92,7 @@ def without_bodies(what: State | Controls) -> State | Controls:
 
 def compare(scene: Scene, state: State, materials: list[Material], dtype: str, tolerance: float) -> State:
     """Assert that kernel and twin agree over one frame; the largest difference is scaled by the largest change."""
-    backend = ExplicitBackend(scene, num_envs=state.batch, dtype=dtype)
+    backend = ExplicitSolver(scene, num_envs=state.batch, dtype=dtype)
     backend.reset(state, materials)
     state = state.astype(dtype)
     controls = controls_for(scene, state)

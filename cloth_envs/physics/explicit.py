@@ -8,16 +8,16 @@ import _minicloth_kernels as kernels
 import numpy as np
 
 from cloth_envs.material import Material
-from cloth_envs.naming import unknown_name
+from cloth_envs.physics.solver import Solver, whole_number
 from cloth_envs.physics.stability import stable_step
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
 MAX_SUBSTEPS = 20_000  # per frame
-_SOLVERS = {"float32": kernels.Explicit32, "float64": kernels.Explicit64}
+_KERNELS = {"float32": kernels.Explicit32, "float64": kernels.Explicit64}
 
 
-class ExplicitBackend:
+class ExplicitSolver(Solver):
     """Symplectic Euler, ``v += h a(x, v)`` then ``x += h v``, in equal substeps of a frame.
 
     The number of substeps comes from a bound on the spectrum (``stability.stable_step``), so every
@@ -46,16 +46,10 @@ class ExplicitBackend:
         substeps: int | None = None,
         refine: int = 1,
     ) -> None:
-        if dtype not in _SOLVERS:
-            raise unknown_name("dtype", dtype, _SOLVERS)
-        for name, value in (("num_envs", num_envs), ("threads", threads), ("refine", refine)):
-            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")
-        self.scene, self.num_envs, self.threads = scene, num_envs, threads
-        self.dtype = np.dtype(dtype)
-        self._refine, self._wanted = refine, substeps
+        super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
+        self._refine, self._wanted = whole_number("refine", refine), substeps
         wind = scene.wind
-        self._solver = _SOLVERS[dtype](
+        self._kernel = _KERNELS[dtype](
             rows=scene.grid.rows,
             cols=scene.grid.cols,
             row_length=scene.grid.row_spacing,
@@ -75,16 +69,9 @@ class ExplicitBackend:
         )
         self._sheets = np.zeros((num_envs, 6))
         self.substeps = np.ones(num_envs, np.int32)
-        self._set_materials(range(num_envs), [scene.material] * num_envs)
-        self._state: State | None = None
+        self.set_materials(range(num_envs), [scene.material] * num_envs)
 
-    @property
-    def state(self) -> State:
-        if self._state is None:
-            raise RuntimeError("there is no cloth yet: call reset(state) first")
-        return self._state
-
-    def _set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
+    def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         for i, m in zip(which, materials, strict=True):
             drag = m.drag if self.scene.drag else 0.0
             self._sheets[i] = (
@@ -104,38 +91,9 @@ class ExplicitBackend:
             )
         return count
 
-    def reset(
-        self,
-        state: State,
-        materials: Sequence[Material] | None = None,
-        which: Sequence[int] | None = None,
-    ) -> None:
-        members = range(self.num_envs) if which is None else which
-        if state.batch != len(members):
-            raise ValueError(f"the state holds {state.batch} cloths, expected {len(members)}")
-        self._set_materials(members, [self.scene.material] * len(members) if materials is None else materials)
-        state = state.astype(self.dtype)
-        if which is None:
-            self._state = state
-        else:
-            self._state = self.state.copy()
-            self._state.assign(list(which), state)
-
-    def advance(self, controls: Controls) -> State:
-        old = self.state
-        new = State(
-            positions=np.empty_like(old.positions),
-            velocities=np.empty_like(old.velocities),
-            colliders=controls.colliders.astype(self.dtype),
-            collider_velocities=controls.collider_velocities.astype(self.dtype),
-            wind=controls.wind,
-            pressure=controls.pressure,
-            time=old.time + self.scene.frame_dt,
-        )
-        self._solver.advance(
+    def step(self, old: State, new: State, controls: Controls) -> None:
+        self._kernel.advance(
             old.positions, old.velocities, new.positions, new.velocities, self._sheets, self.substeps,
             controls.handle_positions, controls.handle_velocities, old.colliders, old.collider_velocities,
             controls.colliders, controls.collider_velocities, controls.wind, controls.pressure, self.threads,
         )  # fmt: skip
-        self._state = new
-        return new

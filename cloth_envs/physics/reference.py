@@ -14,7 +14,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.physics.reference_contact import resolve_contact
-from cloth_envs.physics.reference_stencil import edges, triples
+from cloth_envs.physics.stencil import edges, triples
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.explicit import ExplicitBackend
+from cloth_envs.physics.explicit import ExplicitSolver
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -65,7 +65,7 @@ def run(
 
     ``drive`` gives the controls: fixed, a function of frame number and state, or None to hold everything.
     """
-    backend = ExplicitBackend(scene, num_envs=state.batch, dtype=dtype, substeps=substeps)
+    backend = ExplicitSolver(scene, num_envs=state.batch, dtype=dtype, substeps=substeps)
     backend.reset(state)
     states = [backend.state.copy()]
     drive = Controls.hold(state, scene.handles) if drive is None else drive

@@ -17,7 +17,7 @@ from cloth_envs.grid import Grid
 from cloth_envs.machine import header
 from cloth_envs.material import Material
 from cloth_envs.physics import reference
-from cloth_envs.physics.explicit import ExplicitBackend
+from cloth_envs.physics.explicit import ExplicitSolver
 from cloth_envs.registry import SCENES
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
@@ -70,7 +70,7 @@ def measure(size: str, term: str, threads: int, batch: int, repeats: int) -> Row
     """Time of one substep over the vertices of all ``batch`` cloths, wall clock."""
     grid = SIZES[size]
     scene, state, controls = prepare(grid, term, batch)
-    backend = ExplicitBackend(scene, num_envs=batch, threads=threads, substeps=SUBSTEPS)
+    backend = ExplicitSolver(scene, num_envs=batch, threads=threads, substeps=SUBSTEPS)
     times = []
     for _ in range(repeats + 1):  # the first warms up
         backend.reset(state)

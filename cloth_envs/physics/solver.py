@@ -1,0 +1,114 @@
+"""What the reference solvers share, and the choice of one by name."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from cloth_envs.backend import Backend, check_keywords
+from cloth_envs.material import Material
+from cloth_envs.naming import unknown_name
+from cloth_envs.scene import Scene
+from cloth_envs.state import Controls, State
+
+# name -> "module:Solver class", resolved on use.
+SOLVERS: dict[str, str] = {
+    "explicit": "cloth_envs.physics.explicit:ExplicitSolver",
+}
+
+
+def reference(scene: Scene, *, num_envs: int = 1, solver: str = "explicit", **options: Any) -> Backend:
+    """The backend ``"reference"``: ``solver`` by name, built with its own ``options``.
+
+    Raises:
+        ValueError: an unknown solver or option; the nearest match is named.
+    """
+    if not isinstance(solver, str) or solver not in SOLVERS:
+        raise unknown_name("solver", solver, SOLVERS)
+    module, name = SOLVERS[solver].split(":")
+    chosen = getattr(import_module(module), name)
+    check_keywords(chosen, options, f"solver={solver!r}")
+    return chosen(scene, num_envs=num_envs, **options)
+
+
+def whole_number(name: str, value: object, least: int = 1) -> int:
+    """``value`` as it is.
+
+    Raises:
+        ValueError: not a whole number of at least ``least``.
+    """
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}")
+    return value
+
+
+class Solver(ABC):
+    """A batch of cloths of one scene and its state; a solver adds how a frame is stepped.
+
+    Args:
+        scene: what is modelled; terms that it does not list are not evaluated.
+        num_envs: members of the batch.
+        threads: over members of the batch; results do not depend on it.
+        dtype: of the state, ``"float32"`` or ``"float64"``.
+    """
+
+    def __init__(self, scene: Scene, *, num_envs: int, threads: int, dtype: str) -> None:
+        if dtype not in ("float32", "float64"):
+            raise unknown_name("dtype", dtype, ("float32", "float64"))
+        self.scene, self.num_envs = scene, whole_number("num_envs", num_envs)
+        self.threads, self.dtype = whole_number("threads", threads), np.dtype(dtype)
+        self._state: State | None = None
+
+    @property
+    def state(self) -> State:
+        if self._state is None:
+            raise RuntimeError("there is no cloth yet: call reset(state) first")
+        return self._state
+
+    @abstractmethod
+    def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
+        """Prepare some members for new materials; off the hot path.
+
+        Raises:
+            ValueError: a material that this solver can't step; says what to change.
+        """
+
+    @abstractmethod
+    def step(self, old: State, new: State, controls: Controls) -> None:
+        """One frame: fill ``new.positions`` and ``new.velocities``, everything else of it is set."""
+
+    def reset(
+        self,
+        state: State,
+        materials: Sequence[Material] | None = None,
+        which: Sequence[int] | None = None,
+    ) -> None:
+        members = range(self.num_envs) if which is None else which
+        if state.batch != len(members):
+            raise ValueError(f"the state holds {state.batch} cloths, expected {len(members)}")
+        self.set_materials(members, [self.scene.material] * len(members) if materials is None else materials)
+        state = state.astype(self.dtype)
+        if which is None:
+            self._state = state
+        else:
+            self._state = self.state.copy()
+            self._state.assign(list(which), state)
+
+    def advance(self, controls: Controls) -> State:
+        old = self.state
+        new = State(
+            positions=np.empty_like(old.positions),
+            velocities=np.empty_like(old.velocities),
+            colliders=controls.colliders.astype(self.dtype),
+            collider_velocities=controls.collider_velocities.astype(self.dtype),
+            wind=controls.wind,
+            pressure=controls.pressure,
+            time=old.time + self.scene.frame_dt,
+        )
+        self.step(old, new, controls)
+        self._state = new
+        return new
