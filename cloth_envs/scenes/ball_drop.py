@@ -7,7 +7,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Collider, Scene
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, tolerance
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, norm, tolerance
 from cloth_envs.state import Controls
 
 RADIUS = 0.3  # m
@@ -115,4 +115,4 @@ class BallDrop(Task):
         middle = self.middle(episode)
         away = middle[:, :2] - episode.state.colliders[:, 0, 0, :2]
         held = np.minimum(np.maximum(middle[:, 2] / HELD, 0.0), 1.0)
-        return tolerance(np.sqrt((away * away).sum(1)), MARGIN) * held
+        return tolerance(norm(away), MARGIN) * held

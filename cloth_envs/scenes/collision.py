@@ -9,7 +9,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Collider, Scene
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, bow, grip, mean, tolerance
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, bow, grip, largest_stretch, norm, tolerance
 from cloth_envs.state import Controls
 
 RADIUS = 0.2  # m
@@ -76,8 +76,11 @@ class Collision(Task):
         rows, cols = np.divmod(self.keypoints.reshape(self.lattice), scene.grid.cols)
         self.depth = (rows * scene.grid.row_spacing)[1:].ravel()
         self.across = (cols * scene.grid.col_spacing - 0.5 * scene.grid.width)[1:].ravel()
-        apart = np.maximum(np.diff(rows, axis=0), 1)  # a coarse grid has less rows than the lattice
-        self.over_span = 1.0 / np.square(apart * scene.grid.row_spacing).reshape(1, -1)
+        columns = self.lattice[1]
+        self.above, self.shaped = self.keypoints[:-columns].copy(), self.keypoints[columns:].copy()
+        self.per_point = len(self.shaped) ** -0.5
+        rows_apart = np.maximum(np.diff(rows, axis=0), 1)  # a coarse grid has less rows than the lattice
+        self.apart = rows_apart.ravel() * scene.grid.row_spacing
         self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
 
     @classmethod
@@ -128,10 +131,7 @@ class Collision(Task):
         return press * profile * np.exp(-0.5 * np.square((self.across - goal[:, :1]) / width))
 
     def reward(self, episode: Episode) -> np.ndarray:
-        x, columns = episode.cloth.take(self.keypoints, 2).astype(np.float64), self.lattice[1]
-        error = x[:, 1, columns:] - episode.memory["shape"]
-        # Squared distances of keypoints one above the other, over their rest lengths squared.
-        span = x[:, :, columns:] - x[:, :, :-columns]
-        longest = ((span * span).sum(1) * self.over_span).max(1)
-        over = np.maximum(np.sqrt(longest) - 1.0 - FREE_STRAIN, 0.0)
-        return tolerance(np.sqrt(mean(error * error)), SHAPE_MARGIN) * tolerance(over, STRAIN_MARGIN)
+        error = episode.cloth[:, 1].take(self.shaped, 1) - episode.memory["shape"]
+        stretch = largest_stretch(episode.state.positions, self.above, self.shaped, self.apart)
+        over = np.maximum(stretch - 1.0 - FREE_STRAIN, 0.0)
+        return tolerance(norm(error) * self.per_point, SHAPE_MARGIN) * tolerance(over, STRAIN_MARGIN)

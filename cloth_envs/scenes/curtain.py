@@ -9,7 +9,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, bow, tolerance
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, bow, mean_span, tolerance
 from cloth_envs.state import Controls
 
 RINGS = 7
@@ -73,7 +73,7 @@ class Curtain(Task):
         super().__init__(scene)
         self.columns = self.handles % scene.grid.cols
         share = self.columns / (scene.grid.cols - 1)
-        self.follow = np.stack([share, np.ones(len(share))], 1)[None]  # of the lead ring's x, y
+        self.follow = np.stack([share, np.ones(len(share))], 1)  # of the lead ring's x, y
         self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
         edges = self.keypoints.reshape(self.lattice)
         self.first, self.last = edges[:, 0].copy(), edges[:, -1].copy()
@@ -104,16 +104,11 @@ class Curtain(Task):
 
     def controls(self, episode: Episode) -> Controls:
         state = episode.state
-        moved, speed = self.drive(state.positions[:, :2, 0, -1], state.velocities[:, :2, 0, -1], episode.action)
-        controls = self.hold(episode)
-        controls.handle_positions[:, :, :2] += moved[:, None] * self.follow
-        controls.handle_velocities[:, :, :2] = speed[:, None] * self.follow
-        return controls
+        return self.carry(episode, state.positions[:, :2, 0, -1], state.velocities[:, :2, 0, -1], self.follow)
 
     def covered(self, episode: Episode) -> np.ndarray:
         """Covered fraction of the window, ``(B,)``."""
-        ends = self.middle(episode, self.last) - self.middle(episode, self.first)
-        return ends[:, 0] * (1.0 / self.scene.grid.width)
+        return mean_span(episode.state.positions, self.first, self.last)[:, 0] * (1.0 / self.scene.grid.width)
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state

@@ -7,7 +7,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene, Wind
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, draw_gust, gust
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, draw_gust, gusty_wind, loop_area
 from cloth_envs.state import Controls
 
 POLE_SPEED, ACCELERATION = 2.5, 25.0  # m/s at full action, m/s^2
@@ -66,9 +66,11 @@ class Flag(Task):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         numbers = np.arange(scene.grid.vertices).reshape(scene.grid.shape)
-        sides = (numbers[0, :-1], numbers[:-1, -1], numbers[-1, :0:-1], numbers[::-1, 0])
+        sides = (numbers[0, :-1], numbers[:-1, -1], numbers[-1, :0:-1], numbers[:0:-1, 0])
         self.drive = Drive([-REACH] * 2, [REACH] * 2, speed=POLE_SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
-        self.border = np.concatenate(sides)  # closed: ends where it begins
+        self.follow = np.ones((len(self.handles), 2))
+        self.border = np.concatenate(sides).astype(np.int32)
+        self.over_area = 1.0 / (scene.grid.height * scene.grid.width)
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
@@ -100,19 +102,13 @@ class Flag(Task):
     def wind(self, episode: Episode) -> np.ndarray:
         """The wind now, ``(B, 3)`` [m/s]."""
         memory = episode.memory
-        blow = gust(memory["gusts"], episode.state.time[:, None])
-        speed = memory["speed"] * (1.0 + GUST * blow[:, 0])
-        heading = memory["heading"] + BACKING * blow[:, 1]
-        wind = np.zeros((len(speed), 3))
-        wind[:, 0], wind[:, 1] = speed * np.cos(heading), speed * np.sin(heading)
-        return wind
+        return gusty_wind(
+            memory["gusts"], episode.state.time, memory["speed"], memory["heading"], swell=GUST, turn=BACKING
+        )
 
     def controls(self, episode: Episode) -> Controls:
         state = episode.state
-        moved, speed = self.drive(state.positions[:, :2, 0, 0], state.velocities[:, :2, 0, 0], episode.action)
-        controls = self.hold(episode)
-        controls.handle_positions[:, :, :2] += moved[:, None]
-        controls.handle_velocities[:, :, :2] = speed[:, None]
+        controls = self.carry(episode, state.positions[:, :2, 0, 0], state.velocities[:, :2, 0, 0], self.follow)
         controls.wind = self.wind(episode)
         return controls
 
@@ -124,9 +120,6 @@ class Flag(Task):
         return extras
 
     def reward(self, episode: Episode) -> np.ndarray:
-        # What the onlooker sees of the border: `aside` to his left, z up. Its enclosed area by the shoelace sum.
-        x, towards = episode.cloth.take(self.border, 2).astype(np.float64), episode.memory["onlooker"]
-        aside = x[:, 1] * towards[:, :1] - x[:, 0] * towards[:, 1:]
-        z = x[:, 2]
-        area = 0.5 * (aside[:, :-1] * z[:, 1:] - aside[:, 1:] * z[:, :-1]).sum(1)
-        return np.minimum(np.abs(area) / (self.scene.grid.height * self.scene.grid.width), 1.0)
+        towards, area = episode.memory["onlooker"], loop_area(episode.state.positions, self.border)
+        seen = np.abs(area[:, 0] * towards[:, 0] + area[:, 1] * towards[:, 1])
+        return np.minimum(seen * self.over_area, 1.0)

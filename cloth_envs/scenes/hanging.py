@@ -7,7 +7,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, draw_gust, grip, gust, tolerance
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, draw_gust, grip, gust, norm, tolerance
 from cloth_envs.state import Controls
 
 SPEED, ACCELERATION = 1.0, 10.0  # m/s of the corner at full action, m/s^2
@@ -72,6 +72,7 @@ class Hanging(Task):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
+        self.follow = np.ones((len(self.handles), 3))
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
@@ -96,10 +97,7 @@ class Hanging(Task):
 
     def controls(self, episode: Episode) -> Controls:
         state = episode.state
-        moved, speed = self.drive(state.positions[:, :, 0, 0], state.velocities[:, :, 0, 0], episode.action)
-        controls = self.hold(episode)
-        controls.handle_positions += moved[:, None]
-        controls.handle_velocities += speed[:, None]
+        controls = self.carry(episode, state.positions[:, :, 0, 0], state.velocities[:, :, 0, 0], self.follow)
         controls.pressure = BREEZE * gust(episode.memory["tones"], state.time[:, None])[:, 0]
         return controls
 
@@ -112,8 +110,7 @@ class Hanging(Task):
         return extras
 
     def reward(self, episode: Episode) -> np.ndarray:
-        away = self.middle(episode) - episode.memory["goal"]
-        distance = np.sqrt((away * away).sum(1))
+        distance = norm(self.middle(episode) - episode.memory["goal"])
         speed = np.sqrt(self.mean_square_velocity(episode).sum(1))
         return tolerance(distance, PLACE_MARGIN) * (0.25 + 0.75 * tolerance(speed, CALM_MARGIN))
 

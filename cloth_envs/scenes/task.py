@@ -57,6 +57,7 @@ class Task(ABC):
         lattice: rows and columns of the keypoints in the default observation.
         extras: names of the numbers that follow the keypoints in the observation.
         extras_bound: a bound on their absolute value.
+        drive: what the action moves, in scenes where it moves something.
     """
 
     size: ClassVar[tuple[float, float]]
@@ -67,6 +68,7 @@ class Task(ABC):
     extras: ClassVar[tuple[str, ...]]
     extras_bound: ClassVar[float] = 100.0
     material: ClassVar[Material] = Material()
+    drive: Drive
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -93,21 +95,21 @@ class Task(ABC):
 
     def hold(self, episode: Episode) -> Controls:
         """Controls that bring every handle and body to rest where it is now; a scene changes what it drives."""
-        state, batch = episode.state, len(episode.action)
-        at = kernels.take_points(state.positions, self.handles)
-        bodies = state.colliders.astype(np.float64)
-        return Controls(
-            handle_positions=at,
-            handle_velocities=np.zeros(at.shape),
-            colliders=bodies,
-            collider_velocities=np.zeros(bodies.shape),
-            wind=np.zeros((batch, 3)),
-            pressure=np.zeros(batch),
-        )
+        return Controls(*kernels.hold(episode.state.positions, self.handles, episode.state.colliders))
 
-    def middle(self, episode: Episode, vertices: np.ndarray | None = None) -> np.ndarray:
-        """Mean position of the keypoints, or of other vertices (int32 numbers), ``(B, 3)`` [m]."""
-        return kernels.mean_point(episode.state.positions, self.keypoints if vertices is None else vertices)
+    def carry(self, episode: Episode, position: np.ndarray, velocity: np.ndarray, share: np.ndarray) -> Controls:
+        """Controls whose handles take ``share`` ``(N, n)`` of what the action moves, at rest otherwise.
+
+        ``position`` and ``velocity`` ``(B, n)`` are those of what ``self.drive`` moves.
+        """
+        controls = self.hold(episode)
+        moved, reached = self.drive(position, velocity, episode.action)
+        kernels.carry(controls.handle_positions, controls.handle_velocities, moved, reached, share)
+        return controls
+
+    def middle(self, episode: Episode) -> np.ndarray:
+        """Mean position of the keypoints, ``(B, 3)`` [m]."""
+        return kernels.mean_point(episode.state.positions, self.keypoints)
 
     def middle_velocity(self, episode: Episode) -> np.ndarray:
         """Mean velocity of the keypoints, ``(B, 3)`` [m/s]."""
@@ -131,9 +133,24 @@ def tolerance(error: np.ndarray, margin: float) -> np.ndarray:
     return kernels.tolerance(error, margin)
 
 
-def mean(values: np.ndarray) -> np.ndarray:
-    """Mean over the last axis; a third of ``numpy.mean``'s cost for a few numbers."""
-    return np.add.reduce(values, -1) * (1.0 / values.shape[-1])
+def norm(vectors: np.ndarray) -> np.ndarray:
+    """Lengths of ``(B, n)`` vectors; a third of ``numpy.linalg.norm``'s cost for a few numbers."""
+    return kernels.norm(vectors)
+
+
+def mean_span(positions: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Mean of ``x[second] - x[first]`` over pairs of vertices (int32 numbers), ``(B, 3)`` [m]."""
+    return kernels.mean_span(positions, first, second)
+
+
+def loop_area(positions: np.ndarray, loop: np.ndarray) -> np.ndarray:
+    """Area vector ``sum x_i x x_(i+1) / 2`` of a closed line through vertices (int32 numbers), ``(B, 3)`` [m^2]."""
+    return kernels.loop_area(positions, loop)
+
+
+def largest_stretch(positions: np.ndarray, first: np.ndarray, second: np.ndarray, rest: np.ndarray) -> np.ndarray:
+    """Largest distance over ``rest`` ``(P,)`` [m] of pairs of vertices (int32 numbers), ``(B,)``."""
+    return kernels.largest_stretch(positions, first, second, rest)
 
 
 class Drive:
@@ -206,3 +223,14 @@ def draw_gust(rng: np.random.Generator, signals: int = 1) -> np.ndarray:
 def gust(tones: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Smooth signals in [-1, 1], ``(B, signals)``, at ``time`` ``(B, 1)``; of one signal also at times ``(B, K)``."""
     return kernels.gust(tones, time)
+
+
+def gusty_wind(
+    tones: np.ndarray, time: np.ndarray, speed: np.ndarray, heading: np.ndarray, *, swell: float, turn: float
+) -> np.ndarray:
+    """A level wind, ``(B, 3)`` [m/s]: one gust changes its ``speed`` by up to ``swell`` of it, one its ``heading``.
+
+    ``tones`` are two signals of ``draw_gust``; ``time``, ``speed`` [m/s] and ``heading`` [rad] are ``(B,)``, ``turn``
+    is in radians.
+    """
+    return kernels.gusty_wind(tones, time, speed, heading, swell, turn)

@@ -72,22 +72,129 @@ Array tolerance(nb::ndarray<const T, nb::ndim<1>, nb::device::cpu> error, double
   return out;
 }
 
+using Tones = nb::ndarray<const double, nb::ndim<4>, nb::c_contig, nb::device::cpu>;
+using Numbers = nb::ndarray<const double, nb::ndim<1>, nb::device::cpu>;
+
+// The mean of the sines of signal s of cloth b at a time.
+double blow(const Tones& tones, std::size_t b, std::size_t s, double time) {
+  const std::size_t count = tones.shape(3);
+  double sum = 0;
+  for (std::size_t i = 0; i < count; ++i) sum += std::sin(tones(b, 0, s, i) * time + tones(b, 1, s, i));
+  return sum / double(count);
+}
+
 // Means of sines, (B, J): signal j of the tones (B, 2, S, N) at time j of (B, K), where S or K may be 1.
-Array gust(nb::ndarray<const double, nb::ndim<4>, nb::c_contig, nb::device::cpu> tones, Pairs<double> time) {
-  const std::size_t batch = tones.shape(0), signals = tones.shape(2), count = tones.shape(3), times = time.shape(1);
+Array gust(Tones tones, Pairs<double> time) {
+  const std::size_t batch = tones.shape(0), signals = tones.shape(2), times = time.shape(1);
   if (time.shape(0) != batch || (signals != times && signals != 1 && times != 1))
     throw nb::value_error("tones must be (B, 2, S, N), times (B, K) with S = K or either 1");
   const std::size_t n = std::max(signals, times);
   Array out = fresh({batch, n});
   for (std::size_t b = 0; b < batch; ++b)
-    for (std::size_t j = 0; j < n; ++j) {
-      const std::size_t s = signals == 1 ? 0 : j;
+    for (std::size_t j = 0; j < n; ++j)
+      out.data()[b * n + j] = blow(tones, b, signals == 1 ? 0 : j, time(b, times == 1 ? 0 : j));
+  return out;
+}
+
+// A level wind of a mean speed and heading whose first gust swells it and whose second turns it, (B, 3).
+Array gusty_wind(Tones tones, Numbers time, Numbers speed, Numbers heading, double swell, double turn) {
+  const std::size_t batch = tones.shape(0);
+  if (tones.shape(2) != 2 || time.shape(0) != batch || speed.shape(0) != batch || heading.shape(0) != batch)
+    throw nb::value_error("tones must be (B, 2, 2, N), times, speeds and headings (B,)");
+  Array out = fresh({batch, 3});
+  for (std::size_t b = 0; b < batch; ++b) {
+    const double strength = speed(b) * (1 + swell * blow(tones, b, 0, time(b)));
+    const double angle = heading(b) + turn * blow(tones, b, 1, time(b));
+    out.data()[3 * b] = strength * std::cos(angle), out.data()[3 * b + 1] = strength * std::sin(angle);
+  }
+  return out;
+}
+
+// The lengths of vectors (B, n).
+Array norm(Pairs<double> vectors) {
+  Array out = fresh({vectors.shape(0)});
+  for (std::size_t b = 0; b < vectors.shape(0); ++b) {
+    double sum = 0;
+    for (std::size_t k = 0; k < vectors.shape(1); ++k) sum += vectors(b, k) * vectors(b, k);
+    out.data()[b] = std::sqrt(sum);
+  }
+  return out;
+}
+
+// The mean of x[second] - x[first] over pairs of vertices, (B, 3).
+template <class T>
+Array mean_span(Cloth<T> x, Vertices first, Vertices second) {
+  const std::size_t batch = x.shape(0), n = x.shape(2) * x.shape(3), count = first.shape(0);
+  if (second.shape(0) != count) throw nb::value_error("first and second must be as many");
+  Array out = fresh({batch, 3});
+  for (std::size_t row = 0; row < 3 * batch; ++row) {
+    const T* axis = x.data() + row * n;
+    double sum = 0;
+    for (std::size_t i = 0; i < count; ++i) sum += double(axis[second.data()[i]]) - axis[first.data()[i]];
+    out.data()[row] = sum / double(count);
+  }
+  return out;
+}
+
+// Moves the handles (B, N, 3) of Controls: axis k of handle i takes share (i, k) of moved and reached (B, n).
+void carry(Array handles, Array velocities, Pairs<double> moved, Pairs<double> reached, Pairs<double> share) {
+  const std::size_t batch = moved.shape(0), n = moved.shape(1), count = share.shape(0);
+  if (handles.size() != batch * count * 3 || share.shape(1) != n || n > 3)
+    throw nb::value_error("share must be (N, n), moved (B, n) with n as driven");
+  for (std::size_t b = 0; b < batch; ++b)
+    for (std::size_t i = 0; i < count; ++i)
+      for (std::size_t k = 0; k < n; ++k) {
+        const std::size_t at = (b * count + i) * 3 + k;
+        handles.data()[at] += moved(b, k) * share(i, k);
+        velocities.data()[at] += reached(b, k) * share(i, k);
+      }
+}
+
+// The area vector, sum of x_i cross x_(i+1) over two, of a closed line through some vertices, (B, 3).
+template <class T>
+Array loop_area(Cloth<T> x, Vertices loop) {
+  const std::size_t batch = x.shape(0), n = x.shape(2) * x.shape(3), count = loop.shape(0);
+  Array out = fresh({batch, 3});
+  for (std::size_t b = 0; b < batch; ++b)
+    for (std::size_t k = 0; k < 3; ++k) {
+      const T *u = x.data() + (3 * b + (k + 1) % 3) * n, *w = x.data() + (3 * b + (k + 2) % 3) * n;
       double sum = 0;
-      for (std::size_t i = 0; i < count; ++i)
-        sum += std::sin(tones(b, 0, s, i) * time(b, times == 1 ? 0 : j) + tones(b, 1, s, i));
-      out.data()[b * n + j] = sum / double(count);
+      for (std::size_t i = 0; i < count; ++i) {
+        const int here = loop.data()[i], next = loop.data()[i + 1 < count ? i + 1 : 0];
+        sum += double(u[here]) * w[next] - double(w[here]) * u[next];
+      }
+      out.data()[3 * b + k] = sum / 2;
     }
   return out;
+}
+
+// The largest stretch |x_second - x_first| / rest of some pairs of vertices, (B,).
+template <class T>
+Array largest_stretch(Cloth<T> x, Vertices first, Vertices second, Row rest) {
+  const std::size_t batch = x.shape(0), n = x.shape(2) * x.shape(3), count = first.shape(0);
+  if (second.shape(0) != count || rest.shape(0) != count) throw nb::value_error("pairs and rest lengths differ");
+  Array out = fresh({batch});
+  for (std::size_t b = 0; b < batch; ++b)
+    for (std::size_t i = 0; i < count; ++i) {
+      double square = 0;
+      for (std::size_t k = 0; k < 3; ++k) {
+        const T* axis = x.data() + (3 * b + k) * n;
+        const double d = double(axis[second.data()[i]]) - axis[first.data()[i]];
+        square += d * d;
+      }
+      out.data()[b] = std::max(out.data()[b], std::sqrt(square) / rest.data()[i]);
+    }
+  return out;
+}
+
+// What brings every handle and body to rest where it is: the arguments of Controls.
+template <class T>
+nb::tuple hold(Cloth<T> x, Vertices handles, Cloth<T> colliders) {
+  const std::size_t batch = x.shape(0), bodies = colliders.shape(1);
+  Array at = fresh({batch, bodies, 2, 3});
+  std::copy_n(colliders.data(), at.size(), at.data());
+  return nb::make_tuple(take_points(x, handles), fresh({batch, handles.shape(0), 3}), at, fresh({batch, bodies, 2, 3}),
+                        fresh({batch, 3}), fresh({batch}));
 }
 
 // The velocity goes towards action * speed by at most `change`, slowing down within `brake` of a side.
@@ -126,7 +233,10 @@ nb::object clip_actions(Pairs<double> actions) {
 
 template <class T>
 void bind(nb::module_& m) {
-  m.def("take_points", &take_points<T>, "Some vertices of (B, 3, H, W) as (B, N, 3), float64.");
+  m.def("hold", &hold<T>, "The arrays of Controls that bring every handle and body to rest where it is.");
+  m.def("mean_span", &mean_span<T>, "The mean of x[second] - x[first] over pairs of vertices, (B, 3).");
+  m.def("loop_area", &loop_area<T>, "The area vector of a closed line through some vertices, (B, 3) [m^2].");
+  m.def("largest_stretch", &largest_stretch<T>, "The largest length over rest length of some pairs of vertices, (B,).");
   m.def("mean_point", &mean_point<T>, "The mean of some vertices of (B, 3, H, W), (B, 3), float64.");
   m.def("mean_square", &mean_square<T>, "The mean square of some vertices of (B, 3, H, W), (B, 3), float64.");
   m.def("tolerance", &tolerance<T>, "A Gaussian of an error (B,), 1 at 0 and 0.1 at the margin; float64.");
@@ -139,6 +249,9 @@ void bind_episode(nb::module_& m) {
   bind<float>(m);
   bind<double>(m);
   m.def("clip_actions", &clip_actions, "Actions (B, A) clipped to [-1, 1]; None if one is not finite.");
+  m.def("gusty_wind", &gusty_wind, "A level wind (B, 3) whose two gusts change its strength and heading.");
+  m.def("carry", &carry, "Moves handles in place by shares of how far and how fast something is driven.");
+  m.def("norm", &norm, "The lengths of vectors (B, n).");
   m.def("gust", &gust, "Smooth signals in [-1, 1], (B, J), from tones (B, 2, S, N) at times (B, K).");
 }
 
