@@ -1,37 +1,19 @@
 // The Python module _minicloth_kernels.
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
-#include <stdexcept>
 #include <string>
 
+#include "arrays.hpp"
 #include "episode.hpp"
 #include "explicit.hpp"
+#include "particles.hpp"
 
 namespace nb = nanobind;
 using namespace minicloth;
 
 namespace {
-
-template <class T, int kDims>
-using In = nb::ndarray<const T, nb::ndim<kDims>, nb::c_contig, nb::device::cpu>;
-template <class T, int kDims>
-using Out = nb::ndarray<T, nb::ndim<kDims>, nb::c_contig, nb::device::cpu>;
-
-void need(bool good, const char* what) {
-  if (!good) throw std::invalid_argument(std::string("wrong shape: ") + what);
-}
-
-template <class A>
-bool shaped(const A& a, std::initializer_list<std::size_t> shape) {
-  std::size_t k = 0;
-  for (std::size_t n : shape)
-    if (a.shape(k++) != n) return false;
-  return true;
-}
 
 template <class T>
 void advance(const Explicit<T>& solver, In<T, 4> x, In<T, 4> v, Out<T, 4> x_out, Out<T, 4> v_out, In<double, 2> sheets,
@@ -141,5 +123,6 @@ NB_MODULE(_minicloth_kernels, m) {
   bind_state<float>(m);
   bind_state<double>(m);
   bind_episode(m);
+  bind_particles(m);
   m.def("instruction_set", &best_lanes_name, "The instruction set that the kernels run on this processor.");
 }

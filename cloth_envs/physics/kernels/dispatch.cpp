@@ -3,13 +3,16 @@
 #include <string_view>
 
 #include "lanes.hpp"
+#include "particles.hpp"
 
 namespace minicloth {
 
-#define DECLARE(name)                 \
-  namespace name {                    \
-  const Lanes<float>& lanes(float);   \
-  const Lanes<double>& lanes(double); \
+#define DECLARE(name)                        \
+  namespace name {                           \
+  const Lanes<float>& lanes(float);          \
+  const Lanes<double>& lanes(double);        \
+  const NetLanes<float>& net_lanes(float);   \
+  const NetLanes<double>& net_lanes(double); \
   }
 DECLARE(baseline)
 #ifdef MINICLOTH_X86_LEVELS
@@ -53,6 +56,17 @@ const Lanes<T>& best_lanes() {
 }
 template const Lanes<float>& best_lanes<float>();
 template const Lanes<double>& best_lanes<double>();
+
+template <class T>
+const NetLanes<T>& best_net_lanes() {
+#ifdef MINICLOTH_X86_LEVELS
+  if (kLevel == 2) return avx512::net_lanes(T{});
+  if (kLevel == 1) return avx2::net_lanes(T{});
+#endif
+  return baseline::net_lanes(T{});
+}
+template const NetLanes<float>& best_net_lanes<float>();
+template const NetLanes<double>& best_net_lanes<double>();
 
 const char* best_lanes_name() { return kNames[kLevel]; }
 

@@ -2,41 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <thread>
 #include <utility>
-#if defined(__SSE2__)
-#include <xmmintrin.h>
-#endif
+
+#include "frames.hpp"
 
 namespace minicloth {
 namespace {
-
-// Denormal numbers are slow and mean nothing here; the caller's setting comes back at the end.
-struct FlushDenormals {
-#if defined(__SSE2__)
-  unsigned saved = _mm_getcsr();
-  FlushDenormals() { _mm_setcsr(saved | 0x8040u); }
-  ~FlushDenormals() { _mm_setcsr(saved); }
-#endif
-};
-
-// Cubic Hermite motion over a frame.
-struct Cubic {
-  double p0, v0, p1, v1;  // v [per frame]
-  double position(double s) const {
-    return p0 + s * (v0 + s * ((3 * (p1 - p0) - 2 * v0 - v1) + s * (2 * (p0 - p1) + v0 + v1)));
-  }
-  double velocity(double s) const {
-    return v0 + s * (2 * (3 * (p1 - p0) - 2 * v0 - v1) + s * 3 * (2 * (p0 - p1) + v0 + v1));
-  }
-};
-
-// A driven vertex; one that is held still costs two stores a substep.
-struct Driven {
-  int index;
-  bool moves;
-  Cubic path[3];
-};
 
 // Two states (the step reads one and writes the other), the forces of the air and of the edges.
 template <class T>
@@ -152,15 +123,7 @@ void Explicit<T>::advance(const Frame<T>& f) const {
 
 template <class T>
 void Explicit<T>::advance(const std::vector<Frame<T>>& frames, int threads) const {
-  const int count = std::min<int>(threads, int(frames.size()));
-  const auto work = [&](int first) {
-    const FlushDenormals flush;
-    for (std::size_t i = first; i < frames.size(); i += count) advance(frames[i]);
-  };
-  std::vector<std::thread> pool;
-  for (int t = 1; t < count; ++t) pool.emplace_back(work, t);
-  work(0);
-  for (auto& t : pool) t.join();
+  for_each_member(frames.size(), threads, [&](std::size_t i) { advance(frames[i]); });
 }
 
 template class Explicit<float>;
