@@ -8,6 +8,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
+from cloth_envs.particles import Particles
 
 GRAVITY = 9.81  # m/s^2
 
@@ -54,6 +55,9 @@ class Scene:
         pressure: a pressure difference [Pa] acts on triangles.
         colliders: bodies, in the order of ``State.colliders``.
         thickness: distance [m] that contact keeps between a body and the cloth's vertices.
+        particles: the cloth is this net of particles instead of a sheet; ``material`` is then only its nearest
+            sheet, ``pressure`` the ``p`` of ``p sum r_a x r_b`` [Pa] over four pairs of neighbours, and contact
+            has no thickness.
     """
 
     name: str
@@ -67,6 +71,7 @@ class Scene:
     colliders: tuple[Collider, ...] = ()
     thickness: float = 0.005
     gravity: float = GRAVITY
+    particles: Particles | None = None
 
     def with_material(self, material: Material) -> Scene:
         return replace(self, material=material)
@@ -74,20 +79,24 @@ class Scene:
     @property
     def mass(self) -> np.ndarray:
         """Lumped vertex masses, ``(rows, cols)`` [kg]."""
+        if self.particles is not None:
+            return np.full(self.grid.shape, self.particles.node_mass)
         return self.grid.areas * self.material.areal_density
 
     def describe(self) -> str:
         """What is modelled and what is not, as text."""
-        m, g = self.material, self.grid
+        m, g, net = self.material, self.grid, self.particles
+        contact = "friction {0.friction:g}" if net is None else f"velocity inside times {net.keep:g} a step"
         terms = {
             "gravity": self.gravity > 0,
             "stretch and shear springs": True,
+            **({} if net is None else {"springs at distance two against bending": True}),
             "damping along the springs": m.damping > 0,
             "quadratic bending": m.bend_stiffness > 0,
             "air drag": self.drag and m.drag > 0,
             "wind on triangles": self.wind is not None,
-            "pressure": self.pressure,
-            **{f"contact with a {c.kind} ({c.name}), friction {c.friction:g}": True for c in self.colliders},
+            "pressure" if net is None else "pressure p, four corners a vertex": self.pressure,
+            **{f"contact with a {c.kind} ({c.name}), {contact.format(c)}": True for c in self.colliders},
             "contact with bodies": bool(self.colliders),
             "self-contact": False,
             "plasticity, tearing, air flow": False,
@@ -99,7 +108,9 @@ class Scene:
             f"{self.name}: {g.height:g} x {g.width:g} m, {g.rows} x {g.cols} vertices{tube}, "
             f"{len(self.handles)} handles, frame {self.frame_dt * 1e3:g} ms",
             f"material: {m.areal_density:g} kg/m^2, stretch {m.stretch_stiffness:g} N/m, "
-            f"shear {m.shear_stiffness:g} N/m, bend {m.bend_stiffness:g} N m",
+            f"shear {m.shear_stiffness:g} N/m, bend {m.bend_stiffness:g} N m"
+            if net is None
+            else net.describe(g),
             "modelled: " + "; ".join(name for name, on in terms.items() if on),
             "not modelled: " + "; ".join(name for name, on in terms.items() if not on),
         ]

@@ -20,16 +20,27 @@ SOLVERS: dict[str, str] = {
     "explicit": "cloth_envs.physics.explicit:ExplicitSolver",
 }
 
+# The same for a net of particles.
+PARTICLE_SOLVERS: dict[str, str] = {
+    "explicit": "cloth_envs.physics.particles:ParticleSolver",
+}
+
 
 def reference(scene: Scene, *, num_envs: int = 1, solver: str = "explicit", **options: Any) -> Backend:
     """The backend ``"reference"``: ``solver`` by name, built with its own ``options``.
 
     Raises:
-        ValueError: an unknown solver or option; the nearest match is named.
+        ValueError: an unknown solver or option (the nearest match is named), or one that can't step the scene.
     """
     if not isinstance(solver, str) or solver not in SOLVERS:
         raise unknown_name("solver", solver, SOLVERS)
-    module, name = SOLVERS[solver].split(":")
+    table = SOLVERS if scene.particles is None else PARTICLE_SOLVERS
+    if solver not in table:
+        raise ValueError(
+            f"solver={solver!r} steps sheets, this preset of {scene.name} is a net of particles: "
+            f"leave solver out or choose {', '.join(map(repr, table))}"
+        )
+    module, name = table[solver].split(":")
     chosen = getattr(import_module(module), name)
     check_keywords(chosen, options, f"solver={solver!r}")
     return chosen(scene, num_envs=num_envs, **options)

@@ -10,6 +10,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import PROPERTIES, Material
+from cloth_envs.particles import Particles
 from cloth_envs.scene import Collider, Scene, Wind
 
 LAYOUT_VERSION = 1
@@ -43,6 +44,8 @@ def scene_from_json(text: str, handles: tuple[int, ...]) -> Scene:
     parts = json.loads(text)
     parts["grid"], parts["material"] = Grid(**parts["grid"]), Material(**parts["material"])
     parts["wind"] = parts["wind"] and Wind(**parts["wind"])
+    net = parts.get("particles")  # files of version 0.1 have none
+    parts["particles"] = net and Particles(**net)
     parts["colliders"] = tuple(Collider(**body) for body in parts["colliders"])
     return Scene(**parts, handles=handles)
 

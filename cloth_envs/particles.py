@@ -1,0 +1,72 @@
+"""A cloth as a net of equal particles, for settings that no sheet in SI units has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+
+
+@dataclass(frozen=True)
+class Particles:
+    """Equal particles, each with springs to its 8 neighbours and to the 4 at distance two (Zhao 2024, eqs 1-5).
+
+    Every particle weighs the same, on the border too, and every spring has the same constants, so what the
+    net does depends on its resolution: it is no model of a sheet as ``Material`` is.
+
+    Attributes:
+        node_mass: of a particle [kg].
+        stiffness: Y [N]; a spring of rest length L pulls with ``Y (|r| / L - 1)``.
+        dashpot: of a spring, along it [N s/m].
+        drag: rate at which still air slows a particle [1/s].
+        keep: what a step inside a ball leaves of the velocity relative to the ball; an inward one is removed
+            before. It stands for both friction and restitution.
+        sim_dt: the step that the settings belong to [s].
+
+    Raises:
+        ValueError: a value that is not finite, negative, or (mass, stiffness, step) not positive.
+    """
+
+    node_mass: float = 1.0
+    stiffness: float = 1e4
+    dashpot: float = 3e4 / 128
+    drag: float = 3.0
+    keep: float = 0.95
+    sim_dt: float = 3.125e-4
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            positive = field.name in ("node_mass", "stiffness", "sim_dt")
+            if not np.isfinite(value) or value < 0 or (positive and value == 0):
+                need = "positive" if positive else "zero or positive"
+                raise ValueError(f"particles' {field.name} must be {need} and finite, got {value!r}")
+
+    def sheet(self, grid: Grid) -> Material:
+        """The nearest ``Material`` [SI]: what the net does inside, for small strains.
+
+        A line of springs across a width ``a`` holds the force ``Y e`` at the strain ``e``; on every such line
+        there is one spring to the nearest neighbour and there are two side by side to those at distance two.
+        The diagonals' constant is ``Y / d``. Springs at distance two bend with the fourth power of the angle: no
+        bend stiffness. On cells that are not square the two directions differ; their mean is taken.
+        """
+        a, b, d = grid.row_spacing, grid.col_spacing, grid.diagonal
+        return Material(
+            areal_density=self.node_mass / (a * b),
+            stretch_stiffness=3 * self.stiffness * (1 / a + 1 / b) / 2,
+            shear_stiffness=2 * a * b / d**3 * self.stiffness,
+            bend_stiffness=0.0,
+            damping=self.dashpot / self.stiffness * (a + b) / 2,
+            drag=self.drag,
+        )
+
+    def describe(self, grid: Grid) -> str:
+        """The settings as text."""
+        return (
+            f"particles: {self.node_mass:g} kg each, springs Y (|r|/L - 1) with Y = {self.stiffness:g} N "
+            f"(Y/L = {self.stiffness / grid.col_spacing:g} N/m along a row), dashpots {self.dashpot:g} N s/m, "
+            f"drag {self.drag:g} 1/s, step {self.sim_dt * 1e3:g} ms"
+        )

@@ -1,0 +1,134 @@
+"""The solver of a net of particles: the simulator of Zhao 2024, compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import _minicloth_kernels as kernels
+import numpy as np
+
+from cloth_envs.material import Material
+from cloth_envs.particles import Particles
+from cloth_envs.physics.solver import Solver, whole_number
+from cloth_envs.scene import Scene
+from cloth_envs.state import Controls, State
+
+# Offsets (rows, columns) of the 13-point stencil: nearest, diagonal, at distance two.
+NEIGHBOURS = np.array(
+    [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1), (0, 2), (0, -2), (2, 0), (-2, 0)], np.int32
+)
+_KERNELS = {"float32": kernels.Particles32, "float64": kernels.Particles64}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """The force on a particle in the form of Zhao 2024 (eqs 6-7), of which mass and springs are one case.
+
+    ``F = sum_c [alpha_c d_c + beta_c n_c + gamma_c (w_c . n_c) n_c] + bias`` over the neighbours that exist, with
+    ``d`` and ``w`` the neighbour's position and velocity less the particle's own and ``n = d / sqrt(|d|^2 + eps)``.
+
+    Attributes:
+        coefficients: ``(12, 3)`` alpha [N/m], beta [N] and gamma [N s/m], in the order of ``NEIGHBOURS``.
+        bias: ``(3,)`` [N].
+        eps: [m^2]; 0 makes ``n`` a unit vector.
+    """
+
+    coefficients: np.ndarray
+    bias: np.ndarray
+    eps: float = 0.0
+
+
+def net_of(scene: Scene) -> Particles:
+    """The scene's particles.
+
+    Raises:
+        ValueError: the scene is a sheet, or models what a net of particles has not.
+    """
+    if scene.particles is None:
+        raise ValueError(f"{scene.name} is a sheet: choose a preset whose scene has particles, such as 'zhao2024'")
+    if scene.grid.periodic or scene.wind is not None or any(body.kind != "sphere" for body in scene.colliders):
+        raise ValueError("a net of particles is flat and knows no wind and no bodies but spheres: change the scene")
+    return scene.particles
+
+
+def mass_spring_cell(scene: Scene) -> Cell:
+    """Springs, dashpots and gravity (eqs 1, 2, 4) as a cell.
+
+    ``F = Y (|d|/L - 1) n + c (w . n) n`` has ``alpha = Y / L``, ``beta = -Y`` and ``gamma = c``.
+    """
+    net = net_of(scene)
+    length = np.hypot(*(NEIGHBOURS * [scene.grid.row_spacing, scene.grid.col_spacing]).T)
+    y, c = np.full(len(length), net.stiffness), np.full(len(length), net.dashpot)
+    return Cell(np.stack([y / length, -y, c], 1), np.array([0.0, 0.0, -net.node_mass * scene.gravity]))
+
+
+def steps_a_frame(scene: Scene) -> int:
+    """How many steps of ``sim_dt`` a frame has.
+
+    Raises:
+        ValueError: it is no whole number.
+    """
+    count = scene.frame_dt / net_of(scene).sim_dt
+    if abs(count - round(count)) > 1e-9 * count or round(count) < 1:
+        raise ValueError(f"a frame of {scene.frame_dt:g} s has no whole number of steps of {net_of(scene).sim_dt:g} s")
+    return round(count)
+
+
+def make_kernel(scene: Scene, cell: Cell, *, dtype: str = "float32", refine: int = 1) -> Any:
+    """The compiled steps of ``scene`` with the forces of ``cell``; ``refine`` divides every step.
+
+    A step is ``v = exp(-drag h) (v + h (F + p sum r_a x r_b) / m)``, then balls, then ``x += h v`` (eq. 5).
+    """
+    net, steps = net_of(scene), steps_a_frame(scene) * refine
+    return _KERNELS[dtype](
+        rows=scene.grid.rows,
+        cols=scene.grid.cols,
+        neighbours=NEIGHBOURS,
+        coefficients=np.ascontiguousarray(cell.coefficients, np.float64),
+        bias=np.ascontiguousarray(cell.bias, np.float64),
+        eps=cell.eps,
+        node_mass=net.node_mass,
+        decay=np.exp(-net.drag * scene.drag * scene.frame_dt / steps),
+        keep=net.keep ** (1 / refine),
+        frame_dt=scene.frame_dt,
+        substeps=steps,
+        handles=list(scene.handles),
+        radii=[body.radius for body in scene.colliders],
+    )
+
+
+class ParticleSolver(Solver):
+    """Semi-implicit Euler at the particles' own step; handles and balls move on cubics through the frame.
+
+    Args:
+        scene: one with ``particles``.
+        num_envs: members of the batch.
+        threads: over members of the batch; results do not depend on it.
+        dtype: ``"float32"``, or ``"float64"`` for truth.
+        refine: divides the step (4 for truth); what a ball leaves of a velocity in the time is the same.
+
+    Raises:
+        ValueError: a bad argument, a scene that is a sheet, or a material other than the scene's.
+    """
+
+    def __init__(
+        self, scene: Scene, *, num_envs: int = 1, threads: int = 1, dtype: str = "float32", refine: int = 1
+    ) -> None:
+        super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
+        refine = whole_number("refine", refine)
+        self.substeps = np.full(num_envs, steps_a_frame(scene) * refine, np.int32)
+        self._kernel = make_kernel(scene, mass_spring_cell(scene), dtype=dtype, refine=refine)
+
+    def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
+        if any(material != self.scene.material for material in materials):
+            raise ValueError("a net of particles has no material to change: its settings are scene.particles")
+
+    def step(self, old: State, new: State, controls: Controls) -> None:
+        pressure = controls.pressure if self.scene.pressure else np.zeros(self.num_envs)
+        self._kernel.advance(
+            old.positions, old.velocities, new.positions, new.velocities, controls.handle_positions,
+            controls.handle_velocities, old.colliders, old.collider_velocities, controls.colliders,
+            controls.collider_velocities, pressure, self.threads,
+        )  # fmt: skip
