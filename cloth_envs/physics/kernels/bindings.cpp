@@ -8,6 +8,7 @@
 #include "arrays.hpp"
 #include "episode.hpp"
 #include "explicit.hpp"
+#include "implicit.hpp"
 #include "particles.hpp"
 
 namespace nb = nanobind;
@@ -123,6 +124,7 @@ NB_MODULE(_minicloth_kernels, m) {
   bind_state<float>(m);
   bind_state<double>(m);
   bind_episode(m);
+  bind_implicit(m);
   bind_particles(m);
   m.def("instruction_set", &best_lanes_name, "The instruction set that the kernels run on this processor.");
 }
