@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from inspect import signature
 from typing import Any, Protocol
 
+import numpy as np
+
 from cloth_envs import registry
 from cloth_envs.material import Material
 from cloth_envs.naming import unknown_name
@@ -25,6 +27,15 @@ class Backend(Protocol):
     @property
     def state(self) -> State:
         """The present state; valid until the next call."""
+        ...
+
+    @property
+    def memory(self) -> dict[str, np.ndarray]:
+        """What decides the future beyond ``state``, with a leading axis of the batch; most have nothing."""
+        ...
+
+    def recall(self, memory: dict[str, np.ndarray]) -> None:
+        """Take back, after a ``reset`` of the whole batch, what ``memory`` held."""
         ...
 
     def reset(

@@ -1,0 +1,151 @@
+"""The backend ``"miniature"``: coarse physics and interpolation (Lee, Oh & Lee 2019)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from cloth_envs.material import Material
+from cloth_envs.naming import unknown_name
+from cloth_envs.physics.solver import reference
+from cloth_envs.resample import weights
+from cloth_envs.scene import Scene
+from cloth_envs.state import Controls, State
+from surrogates.calibrated import load_factors
+from surrogates.coarse import SCALINGS, coarse_scene, miniature_material
+
+UPSCALERS = {"bilinear": "linear", "biquadratic": "quadratic", "bicubic": "cubic"}
+
+
+class UpscaledState(State):
+    """A state whose cloth is upscaled when it is first read."""
+
+    def __init__(self, coarse: State, upscale: Callable[[str], np.ndarray]) -> None:
+        self._upscale, self._batch = upscale, coarse.batch
+        for name, value in coarse.arrays().items():
+            if name not in ("positions", "velocities"):
+                setattr(self, name, value)
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        if name not in ("positions", "velocities"):
+            raise AttributeError(name)
+        value = self._upscale(name)
+        setattr(self, name, value)
+        return value
+
+    @property
+    def batch(self) -> int:
+        return self._batch
+
+
+class MiniatureBackend:
+    """A reference solver on a grid ``factor`` times coarser, upscaled by interpolation when the cloth is read.
+
+    It is computed enlarged to the cloth's size, where wind sees the upscaled velocity and bodies, handles and
+    thickness need no scaling; ``coarse.miniature_material`` says why that is the same. Driven
+    vertices of the fine cloth are put exactly where they are driven.
+
+    Args:
+        scene: the scene at full resolution.
+        num_envs: members of the batch.
+        factor: 2, 3 or 4, how many times fewer cells along each side.
+        scaling: ``"similar"`` (the sheet's own material), ``"seed"`` (the paper's spring constants, ``factor^2``
+            times too stiff), ``"calibrated"`` (factors fitted per scene).
+        factors: of a calibration of your own, ``{material property: multiplier}``, instead of the shipped ones.
+        upscaler: ``"bilinear"``, ``"biquadratic"`` or ``"bicubic"``.
+        solver: of the coarse cloth, as for ``backend="reference"``.
+        solver_kwargs: its options.
+
+    Raises:
+        ValueError: a bad argument, or a scene that has no calibration.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        num_envs: int = 1,
+        factor: int = 2,
+        scaling: str = "similar",
+        factors: Mapping[str, float] | None = None,
+        upscaler: str = "bicubic",
+        solver: str = "explicit",
+        solver_kwargs: Mapping[str, Any] | None = None,
+    ) -> None:
+        if isinstance(factor, bool) or factor not in (2, 3, 4):
+            raise ValueError(f"factor must be 2, 3 or 4, got {factor!r}")
+        if scaling not in SCALINGS:
+            raise unknown_name("scaling", scaling, SCALINGS)
+        if upscaler not in UPSCALERS:
+            raise unknown_name("upscaler", upscaler, UPSCALERS)
+        self.scene, self.factor, self.scaling = scene, factor, scaling
+        if factors is not None and scaling != "calibrated":
+            raise ValueError(f'factors need scaling="calibrated", got scaling={scaling!r}')
+        self._factors = dict(factors or {})
+        if scaling == "calibrated" and factors is None:
+            self._factors = load_factors(scene.name, factor)
+        coarse, self._handles = coarse_scene(scene, factor, self._effective(scene.material))
+        self.coarse = reference(coarse, num_envs=num_envs, solver=solver, **(solver_kwargs or {}))
+        up = weights(coarse.grid, scene.grid, UPSCALERS[upscaler])
+        self._up_rows, up_cols = (matrix.astype(np.float32) for matrix in up)
+        self._up_cols = np.ascontiguousarray(up_cols.T)
+        self._down_rows, self._down_cols = weights(scene.grid, coarse.grid)
+        self._held = np.array(scene.handles, np.intp)
+        self._state: State | None = None
+
+    def _effective(self, material: Material) -> Material:
+        return miniature_material(material, self.factor, self.scaling, self._factors)
+
+    @property
+    def state(self) -> State:
+        if self._state is None:
+            raise RuntimeError("there is no cloth yet: call reset(state) first")
+        return self._state
+
+    @property
+    def memory(self) -> dict[str, np.ndarray]:
+        """The coarse cloth: a fine one upscaled from it does not always contain it."""
+        state = self.coarse.state
+        return {"positions": state.positions, "velocities": state.velocities, "offsets": self._offsets}
+
+    def recall(self, memory: Mapping[str, np.ndarray]) -> None:
+        cloth = {name: memory[name] for name in ("positions", "velocities")}
+        self.coarse.reset(State(**(self.coarse.state.arrays() | cloth)), self._materials)
+        self._offsets = memory["offsets"].copy()
+
+    def reset(
+        self,
+        state: State,
+        materials: Sequence[Material] | None = None,
+        which: Sequence[int] | None = None,
+    ) -> None:
+        chosen = [self.scene.material] * state.batch if materials is None else list(materials)
+        small = {"positions": self._down(state.positions), "velocities": self._down(state.velocities)}
+        effective = [self._effective(material) for material in chosen]
+        self.coarse.reset(State(**(state.arrays() | small)), effective, which)
+        offsets = self._handles.offsets(state.positions, small["positions"], self.scene.handles)
+        if which is None:
+            self._state, self._materials, self._offsets = state.astype(np.float32), effective, offsets
+        else:
+            self._state = self.state.copy()
+            self._state.assign(list(which), state)
+            self._offsets[list(which)] = offsets
+            for i, material in zip(which, effective, strict=True):
+                self._materials[i] = material
+
+    def _down(self, field: np.ndarray) -> np.ndarray:
+        return np.ascontiguousarray(self._down_rows @ field @ self._down_cols.T)
+
+    def advance(self, controls: Controls) -> State:
+        coarse = self.coarse.advance(self._handles.controls(controls, self._offsets))
+        driven = {"positions": controls.handle_positions, "velocities": controls.handle_velocities}
+
+        def upscale(name: str) -> np.ndarray:
+            fine = self._up_rows @ getattr(coarse, name) @ self._up_cols
+            self._handles.place(fine, driven[name], self._held)
+            return fine
+
+        self._state = UpscaledState(coarse, upscale)
+        return self._state

@@ -1,0 +1,154 @@
+"""The miniature backend: what the scaling claims, and that nothing else of the environment changes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import cloth_envs
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+from cloth_envs.physics.explicit import ExplicitSolver
+from cloth_envs.registry import SCENES
+from cloth_envs.resample import KINDS
+from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.state import Controls, State
+from surrogates.coarse import Handles, coarse_grid, miniature_material
+from surrogates.miniature import MiniatureBackend, UpscaledState
+
+SMALL = {"Curtain": (49, 33), "Flag": (17, 25), "Collision": (25, 17)}
+
+
+def make(scene: str, **kwargs: Any) -> Any:
+    shape = SMALL.get(scene, (17, 17))
+    return gym.make(cloth_envs.env_id(scene), resolution=shape, backend="miniature", backend_kwargs=kwargs).unwrapped
+
+
+def waving(scene: Scene, seed: int = 0) -> State:
+    """A waved sheet with smooth velocities."""
+    rng = np.random.default_rng(seed)
+    v, u = np.meshgrid(*(np.linspace(0, 1, n) for n in scene.grid.shape), indexing="ij")
+    x = np.stack([u * scene.grid.width, 0.05 * np.sin(5 * u + 3 * v), -v * scene.grid.height])[None]
+    state = State.still(x, np.tile([0.5, -0.14, -0.4], (1, len(scene.colliders), 2, 1)))
+    state.velocities[:] = 0.3 * np.sin(rng.uniform(0, 6, (1, 3, 1, 1)) + 4 * u + 2 * v)
+    return state
+
+
+@pytest.mark.parametrize("scaling", ["seed", "similar"])
+def test_the_enlarged_coarse_sheet_is_the_miniature(scaling: str) -> None:
+    """Run the copy with axes over s, the fine particle mass, rest length and step, and forces over s as it is built."""
+    s, fine = 2, Grid(21, 17, 1.0, 0.8)
+    material, wind = Material(0.2, 300.0, 80.0, 3e-5, 1e-4, 0.5), Wind()
+    coarse = coarse_grid(fine, s)
+    enlarged = miniature_material(material, s, scaling, {})
+    bodies = (Collider("sphere", 0.1, 0.4),)
+    big = Scene("big", coarse, enlarged, 0.01, (0, 8), wind=wind, colliders=bodies)
+    # With the spacing over s the same areal density gives the fine particles' mass. The spring constant of a cell
+    # does not depend on its size; bending's, B / length^2, keeps its fine value with the fine spacing. The air's
+    # force ~ density * area * speed^2 is to be f / s = s^-3 of the enlarged one: area and speed give s^-4.
+    k = {"seed": 1.0, "similar": s**-2.0}[scaling]
+    b = {"seed": 1.0, "similar": s**-4.0}[scaling]
+    small = Scene(
+        "small",
+        replace(coarse, height=coarse.height / s, width=coarse.width / s),
+        material.with_changes(
+            stretch_stiffness=material.stretch_stiffness * k,
+            shear_stiffness=material.shear_stiffness * k,
+            bend_stiffness=material.bend_stiffness * b,
+        ),
+        0.01,
+        (0, 8),
+        wind=replace(wind, air_density=wind.air_density * s, max_speed=wind.max_speed / s),
+        colliders=(replace(bodies[0], radius=bodies[0].radius / s),),
+        thickness=big.thickness / s,
+        gravity=big.gravity / s,
+    )
+    states = []
+    for scene, size in ((big, 1.0), (small, 1.0 / s)):
+        state = waving(big)
+        for array in (state.positions, state.velocities, state.colliders):
+            array *= size
+        solver = ExplicitSolver(scene, dtype="float64", substeps=100)
+        solver.reset(state)
+        controls = Controls.hold(state, scene.handles)
+        controls.wind[:] = np.array([3.0, 4.0, 0.0]) * size
+        for _ in range(5):
+            solver.advance(controls)
+        states.append(solver.state.positions / size)
+    # The same numbers in other units: 500 substeps of rounding, which the motion does not amplify much.
+    np.testing.assert_allclose(states[0], states[1], atol=500 * 16 * np.finfo(float).eps)
+    assert np.abs(states[0] - waving(big).positions).max() > 1e-3
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("old", "new"), [(13, 25), (13, 37), (13, 49), (12, 33)])
+def test_interpolation_is_exact_for_its_degree_and_at_shared_vertices(kind: str, old: int, new: int) -> None:
+    weights = KINDS[kind](old, new)
+    degree = {"linear": 1, "quadratic": 2, "cubic": 2}[kind]
+    at_old, at_new = np.linspace(0, 1, old), np.linspace(0, 1, new)
+    for power in range(degree + 1):
+        np.testing.assert_allclose(weights @ at_old**power, at_new**power, atol=1e-14)
+    assert not np.allclose(weights @ at_old ** (degree + 1), at_new ** (degree + 1), atol=1e-6)
+    shared = np.isclose(at_new[:, None], at_old).any(1)
+    assert (weights[shared] == (np.abs(at_new[shared, None] - at_old) < 1e-9)).all()
+
+
+@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("factor", [2, 3, 4])
+def test_handles_stay_where_they_are_driven_and_the_cloth_stays_whole(scene: str, factor: int) -> None:
+    env = make(scene, factor=factor)
+    env.reset(seed=1)
+    env.action_space.seed(1)
+    for _ in range(10):
+        _, _, failed, _, info = env.step(env.action_space.sample())
+        assert not failed, info
+    world = env._world
+    controls = env.task.controls(world.episode)
+    held = world.backend.advance(controls).positions.reshape(3, -1)[:, list(env.scene.handles)]
+    np.testing.assert_array_equal(held.T, controls.handle_positions[0].astype(np.float32))
+
+
+def test_every_handle_is_followed_and_no_coarse_vertex_is_driven_far_from_one() -> None:
+    fine = Grid(25, 25, 1.0, 1.0)
+    for factor in (2, 3, 4):
+        coarse = coarse_grid(fine, factor)
+        handles = (0, 1, 2, 25, 26, 27, 13 * 25 + 12, 20 * 25 + 7)
+        found = Handles.of(fine, coarse, handles)
+        followed = np.array(handles)[found.follows]
+        fine_at = np.stack(np.divmod(followed, 25)) / 24
+        coarse_at = np.stack(np.divmod(np.array(found.vertices), coarse.cols)) / np.reshape(coarse.cells, (2, 1))
+        assert np.abs(fine_at - coarse_at).max() <= 0.5 / min(coarse.cells) + 1e-12
+        assert {handles[6], handles[7], 0} <= set(followed.tolist())
+
+
+def test_the_fine_cloth_is_computed_when_it_is_read() -> None:
+    env = make("Hanging")
+    env.reset(seed=0)
+    state = env._world.backend.advance(Controls.hold(env.state, env.scene.handles))
+    assert isinstance(state, UpscaledState)
+    assert state.batch == 1
+    assert "positions" not in vars(state)
+    first = state.positions
+    assert state.positions is first
+    assert "velocities" not in vars(state)
+    assert state.copy().positions.shape == (1, 3, 17, 17)
+
+
+def test_bad_arguments_name_the_remedy() -> None:
+    for kwargs, words in (
+        ({"factor": 5}, "2, 3 or 4"),
+        ({"scaling": "simlar"}, "'similar'"),
+        ({"upscaler": "cubic"}, "'bicubic'"),
+        ({"solver": "explict"}, "'explicit'"),
+        ({"solver_kwargs": {"thread": 1}}, "'threads'"),
+        ({"faktor": 2}, "'factor'"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            make("Flag", **kwargs)
+    nameless = replace(make("Flag").scene, name="Nameless")
+    with pytest.raises(ValueError, match=r"training\.calibrate"):
+        MiniatureBackend(nameless, scaling="calibrated")
