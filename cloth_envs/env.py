@@ -27,6 +27,8 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         material: a fabric's name or a dict of ``Material`` properties.
         randomize: ``{property: (low, high)}``, drawn uniformly at every reset.
         resolution: ``(rows, cols)`` of the grid, at equal size and material.
+        preset: a paper's set-up, by name or ``{"name": ..., option: number}`` (see ``minicloth list``); zero actions
+            are then the paper's scene. ``"zhao2024"`` and ``"zhao2024-fall"`` fix material and resolution.
         render_mode: ``"rgb_array"`` (uint8 ``(480, 640, 3)``) or ``"depth_array"`` (float32 [m]).
 
     Raises:

@@ -12,27 +12,26 @@ MAX_ENERGY_JUMP = 200.0  # J/kg gained in one frame, 20 m/s on every vertex
 
 
 class Failures:
-    """Checks one frame: ``"non-finite"``, ``"overstretch"`` (strain over 100 %) or ``"energy"`` (a jump)."""
+    """Checks one frame: ``"non-finite"``, ``"overstretch"`` (an edge over ``max_strain``) or ``"energy"`` (a jump)."""
 
-    def __init__(self, scene: Scene) -> None:
-        self.grid = scene.grid
+    def __init__(self, scene: Scene, max_strain: float = MAX_STRAIN) -> None:
+        self.grid, self.max_strain = scene.grid, max_strain
 
     def check(self, before: State, after: State) -> list[str | None]:
         """The reason for each member of the batch, or None."""
         now = self._inspect(after)
-        if all(finite and strain <= MAX_STRAIN and kinetic <= MAX_ENERGY_JUMP for finite, strain, kinetic in now):
+        if all(finite and strain <= self.max_strain and kinetic <= MAX_ENERGY_JUMP for finite, strain, kinetic in now):
             return [None] * len(now)
         then = self._inspect(before)
-        return [_reason(a[0], a[1], a[2] - b[2]) for a, b in zip(now, then, strict=True)]
+        return [self._reason(a[0], a[1], a[2] - b[2]) for a, b in zip(now, then, strict=True)]
 
     def _inspect(self, state: State) -> list[tuple[bool, float, float]]:
         g = self.grid
         return inspect(state.positions, state.velocities, g.row_spacing, g.col_spacing, g.periodic)
 
-
-def _reason(finite: bool, strain: float, gained: float) -> str | None:
-    if not finite:
-        return "non-finite"
-    if strain > MAX_STRAIN:
-        return "overstretch"
-    return "energy" if gained > MAX_ENERGY_JUMP else None
+    def _reason(self, finite: bool, strain: float, gained: float) -> str | None:
+        if not finite:
+            return "non-finite"
+        if strain > self.max_strain:
+            return "overstretch"
+        return "energy" if gained > MAX_ENERGY_JUMP else None

@@ -14,6 +14,7 @@ from cloth_envs.backend import make_backend
 from cloth_envs.failure import Failures
 from cloth_envs.material import PROPERTIES, Material, as_material
 from cloth_envs.naming import unknown_name
+from cloth_envs.presets import load_preset
 from cloth_envs.registry import load_task
 from cloth_envs.scenes.task import Episode, Start
 from cloth_envs.state import State
@@ -27,8 +28,8 @@ class World:
     """``num_envs`` episodes of one scene on one backend.
 
     Raises:
-        ValueError: unknown scene, backend, fabric, property or observation (the nearest match is
-            named), or a resolution, material or range that makes no sense.
+        ValueError: unknown scene, preset, backend, fabric, property or observation (the nearest match is
+            named), or a resolution, material or range that makes no sense or that the preset fixes.
     """
 
     def __init__(
@@ -42,10 +43,14 @@ class World:
         material: str | Mapping[str, float] | Material | None = None,
         randomize: Mapping[str, Sequence[float]] | None = None,
         resolution: Sequence[int] | None = None,
+        preset: str | Mapping[str, Any] | None = None,
     ) -> None:
         if obs not in OBSERVATIONS:
             raise unknown_name("observation", obs, OBSERVATIONS)
-        task_class = load_task(scene)
+        task_class = load_task(scene) if preset is None else load_preset(scene, preset)
+        for name, value in {"material": material, "randomize": randomize, "resolution": resolution}.items():
+            if value and name in task_class.fixed:
+                raise ValueError(f"preset={preset!r} fixes the {name}: leave {name}= out")
         base = as_material(material, task_class.material)
         self.ranges = _check_ranges(randomize)
         shape = _check_resolution(resolution, task_class.resolution)
@@ -53,7 +58,7 @@ class World:
         self.scene = self.task.scene
         self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=backend_kwargs)
         self.num_envs, self.obs = num_envs, obs
-        self.failures = Failures(self.scene)
+        self.failures = Failures(self.scene, self.task.max_strain)
         self.rngs: list[np.random.Generator | None] = [None] * num_envs
         self.materials = [base] * num_envs
         self.frames = np.zeros(num_envs, np.int64)
@@ -191,6 +196,7 @@ class World:
         assert episode is not None
         saved = {f"state.{name}": value.copy() for name, value in state.arrays().items()}
         saved |= {f"memory.{name}": value.copy() for name, value in episode.memory.items()}
+        saved |= {f"backend.{name}": value.copy() for name, value in self.backend.memory.items()}
         saved["frames"] = self.frames.copy()
         saved["materials"] = np.array([[getattr(m, p) for p in PROPERTIES] for m in self.materials])
         saved["rng"] = np.array([json.dumps(rng.bit_generator.state if rng else None) for rng in self.rngs])
@@ -199,7 +205,8 @@ class World:
     def set_state(self, saved: Mapping[str, np.ndarray]) -> None:
         """Continue from what ``get_state`` gave, bit for bit on the same backend.
 
-        Another backend continues from the same positions, velocities, bodies, goals and generators.
+        Another backend continues from the same positions, velocities, bodies, goals and generators; what
+        the saved one remembered beyond them is left out then.
 
         Raises:
             ValueError: the state belongs to another scene, resolution or number of environments.
@@ -223,6 +230,9 @@ class World:
         state = State(**{n.split(".")[1]: a for n, a in parts.items() if n.startswith("state.")})
         memory = {n.split(".")[1]: a.copy() for n, a in parts.items() if n.startswith("memory.")}
         self._place(list(range(self.num_envs)), state, memory)
+        own = {name: parts.get(f"backend.{name}") for name in self.backend.memory}
+        if all(a is not None and a.shape == self.backend.memory[name].shape for name, a in own.items()):
+            self.backend.recall({name: a for name, a in own.items() if a is not None})
 
 
 def _check_ranges(randomize: Mapping[str, Sequence[float]] | None) -> dict[str, tuple[float, float]]:

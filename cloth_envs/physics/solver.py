@@ -17,7 +17,9 @@ from cloth_envs.state import Controls, State
 
 # name -> "module:Solver class", resolved on use.
 SOLVERS: dict[str, str] = {
+    "admm": "cloth_envs.physics.admm:AdmmSolver",
     "explicit": "cloth_envs.physics.explicit:ExplicitSolver",
+    "implicit": "cloth_envs.physics.implicit:ImplicitSolver",
 }
 
 # The same for a net of particles.
@@ -79,6 +81,14 @@ class Solver(ABC):
         if self._state is None:
             raise RuntimeError("there is no cloth yet: call reset(state) first")
         return self._state
+
+    @property
+    def memory(self) -> dict[str, np.ndarray]:
+        """Empty: the state decides the future."""
+        return {}
+
+    def recall(self, memory: dict[str, np.ndarray]) -> None:
+        """Nothing to take back."""
 
     @abstractmethod
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:

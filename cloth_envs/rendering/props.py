@@ -77,7 +77,7 @@ def pole(pv: Any, handles: np.ndarray, thick: float, ground: float) -> list[Part
 
 
 def rail(pv: Any, handles: np.ndarray, thick: float, length: float) -> list[Part]:
-    """A curtain rail of ``length`` [m] over ``handles`` ``(N, 3)`` [m], with a ring at each."""
+    """A curtain rail of ``length`` [m] over ``handles`` ``(N, 3)`` [m], with a ring at each, or at about 12 of many."""
     along = handles[-1] - handles[0]
     along = along / max(float(np.linalg.norm(along)), 1e-9)
     up = np.array([0, 0, 1.8 * thick])
@@ -87,11 +87,12 @@ def rail(pv: Any, handles: np.ndarray, thick: float, length: float) -> list[Part
     balls, _ = repeated(pv, pv.Sphere(radius=1.7 * thick), ends)
     ring = pv.ParametricTorus(ringradius=1.7 * thick, crosssectionradius=0.4 * thick, u_res=24, v_res=9, w_res=2)
     ring = ring.rotate_y(90).rotate_z(np.degrees(np.arctan2(along[1], along[0])))
-    rings, owner = repeated(pv, ring, handles + up)
+    ringed = np.arange(0, len(handles), max(1, len(handles) // 12))
+    rings, owner = repeated(pv, ring, handles[ringed] + up)
     return [
         Part(bar, look.WOOD, along=along),
         Part(balls, look.BRASS, along=along),
-        Part(rings, look.BRASS, owner=owner),
+        Part(rings, look.BRASS, owner=ringed[owner]),
     ]
 
 

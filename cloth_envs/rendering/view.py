@@ -13,6 +13,8 @@ from cloth_envs.rendering.sheet import Sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 
+PARTICLES_DEPTH = 0.005  # m, how far particles come into a body: it is drawn that much smaller
+
 
 class View:
     """The actors for ``scene`` in the active subplot of ``plotter``.
@@ -51,8 +53,11 @@ class View:
             plotter.add_light(light, only_active=True)
         self.ground = Ground(pv, plotter, box, view)
         self.sheet = Sheet(pv, plotter, scene.grid, strain_range)
+        inset = 0.0 if scene.particles is None else PARTICLES_DEPTH
         self.bodies = {
-            index: Capsule(pv, body.radius) for index, body in enumerate(scene.colliders) if body.kind != "plane"
+            index: Capsule(pv, body.radius - inset)
+            for index, body in enumerate(scene.colliders)
+            if body.kind != "plane"
         }
         self.start = self._handles(state, member)
         self.parts = fixtures(pv, scene, self.start, self.ground.height) if scene.handles else []

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar
 
 import _minicloth_kernels as kernels
 import numpy as np
 
+from cloth_envs.failure import MAX_STRAIN
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene
@@ -57,7 +58,9 @@ class Task(ABC):
         lattice: rows and columns of the keypoints in the default observation.
         extras: names of the numbers that follow the keypoints in the observation.
         extras_bound: a bound on their absolute value.
+        max_strain: of an edge, at which an episode ends as overstretched.
         drive: what the action moves, in scenes where it moves something.
+        options: numbers that a preset lets its user change (``with_options``). fixed: what it leaves no choice of.
     """
 
     size: ClassVar[tuple[float, float]]
@@ -68,7 +71,10 @@ class Task(ABC):
     extras: ClassVar[tuple[str, ...]]
     extras_bound: ClassVar[float] = 100.0
     material: ClassVar[Material] = Material()
+    max_strain: ClassVar[float] = MAX_STRAIN
     drive: Drive
+    options: ClassVar[Mapping[str, float]] = {}
+    fixed: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene

@@ -1,0 +1,47 @@
+"""Presets: a paper's own set-up as a variant of a scene. With zero actions it does what the paper's scene does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+
+from cloth_envs.naming import unknown_name
+from cloth_envs.registry import PRESETS, load_task
+
+
+def load_preset(scene: str, preset: str | Mapping[str, Any]) -> Any:
+    """The Task class of ``scene`` in a preset: its name, or ``{"name": ..., option: number}``.
+
+    Raises:
+        ValueError: an unknown scene, preset or option (the nearest match is named), a preset that this scene
+            does not have, or an option that is no finite number or out of its range.
+    """
+    load_task(scene)
+    options = dict(preset) if isinstance(preset, Mapping) else {"name": preset}
+    name = options.pop("name", None)
+    if name is None:
+        raise ValueError(f'a preset as a dict needs its name, such as {{"name": "lee2019"}}, got {preset!r}')
+    if not isinstance(name, str) or name not in PRESETS:
+        raise unknown_name("preset", name, PRESETS)
+    if scene not in PRESETS[name]:
+        own = presets_of(scene)
+        has = f"has {', '.join(map(repr, own))}" if own else "has none"
+        raise ValueError(f"preset {name!r} is one of {', '.join(PRESETS[name])}; {scene} {has}: change either")
+    module, attribute = PRESETS[name][scene].split(":")
+    task = getattr(import_module(module), attribute)
+    for option, value in options.items():
+        if not task.options:
+            raise ValueError(f'preset {name!r} of {scene} has no options: write preset="{name}" without {option!r}')
+        if option not in task.options:
+            raise unknown_name(f"option of preset {name!r}:", option, task.options)
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not np.isfinite(value):
+            raise ValueError(f"preset {name!r} needs a finite number as {option}, got {value!r}")
+    return task.with_options(**options) if options else task
+
+
+def presets_of(scene: str) -> list[str]:
+    """Names of the presets that a scene has."""
+    return [name for name, scenes in PRESETS.items() if scene in scenes]

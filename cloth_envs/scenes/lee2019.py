@@ -1,0 +1,206 @@
+"""The three examples of Lee, Oh & Lee 2019 (miniature cloth) as presets of Curtain, Flag and Collision.
+
+Stated there: the grids, the frames of 40, 40 and 20 ms, masses 1.5, 3.0, 4.5 (fig. 13), spring constants 40, 70, 150
+(fig. 14), wind on triangles after Wejchert & Haumann, and a wind turned round (fig. 15). Not stated, so our reading: SI
+units; the mass is the whole cloth's (as "the mass of a particle", in its words, 1.5 kg would stretch springs of 150 N/m
+many times over); all springs, diagonals too, have the same constant; the cloth measures 1.5 x 1.0 m; which mass and
+spring go together; how the cloth is held, what it starts from and how fast wind and ball are. Bending, damping and
+drag are those of the package's default material.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+from cloth_envs.scene import Scene, Wind
+from cloth_envs.scenes.collision import GOAL_HIGH, GOAL_LOW, Collision
+from cloth_envs.scenes.curtain import ACCELERATION, APART, SPEED, TARGET, Curtain
+from cloth_envs.scenes.flag import ASIDE, Flag
+from cloth_envs.scenes.task import Drive, Episode, Start, Task
+from cloth_envs.state import Controls
+
+OPTIONS = {"mass": 1.5, "spring": 150.0}  # kg of the whole cloth, N/m of every spring
+WIND = 12.0  # m/s along x
+ACROSS = 0.5  # rad, between the flag at the start and the wind
+BALL_FROM, BALL_TO, BALL_Z = -0.5, 0.1, -0.75  # m, the ball's centre along y, and its height below the upper row
+BALL_PERIOD = 2.0  # s, there and back
+
+
+class Lee2019(Task):
+    """What the three share: ``mass`` [kg] and ``spring`` [N/m] as options, and the sheet that they make."""
+
+    options: ClassVar[Mapping[str, float]] = OPTIONS
+    max_strain = 5.0  # such soft springs stretch: the paper's variants to 1.7 at most
+
+    @classmethod
+    def with_options(cls, **options: float) -> type[Task]:
+        """The task with some of its options changed.
+
+        Raises:
+            ValueError: a mass or spring constant that is not positive, or a wind faster than the scene's fastest.
+        """
+        options = {**cls.options, **options}
+        for name in OPTIONS:
+            if not options[name] > 0:
+                raise ValueError(f"preset 'lee2019' needs a positive {name}, got {options[name]!r}")
+        if not abs(options.get("wind", 0.0)) <= Wind.max_speed:
+            raise ValueError(f"preset 'lee2019' takes a wind of -{Wind.max_speed:g} to {Wind.max_speed:g} m/s")
+        made: dict[str, Any] = {"options": options, "material": sheet(cls.size, options), "__doc__": cls.__doc__}
+        return type(cls.__name__, (cls,), made)
+
+
+def sheet(size: tuple[float, float], options: Mapping[str, float]) -> Material:
+    """The sheet of this mass whose springs, on square cells, all have this constant."""
+    return Material(
+        areal_density=options["mass"] / (size[0] * size[1]),
+        stretch_stiffness=options["spring"],
+        shear_stiffness=options["spring"],
+    )
+
+
+def upper_row(grid: Grid) -> tuple[int, ...]:
+    """Vertices of the first row."""
+    return tuple(range(grid.cols))
+
+
+class Curtain2019(Lee2019, Curtain):
+    """
+    ## Description
+    `Curtain` after Lee, Oh & Lee 2019, of 73 x 49 vertices: held by its whole upper edge, at its full width.
+
+    ## Action Space
+    As in `Curtain`. The upper edge is drawn as a whole, to 0.6-1.0 m. With zero actions it stays, and gravity alone
+    moves the curtain.
+
+    ## Starting State
+    Level, flat and at rest at the height of its rail, from where it swings down. The target is random.
+
+    ## Arguments
+    `preset="lee2019"`, or `preset={"name": "lee2019", "mass": 3.0, "spring": 70.0}`: the cloth's mass [kg] (1.5; the
+    paper has 1.5, 3.0, 4.5) and the constant of every spring [N/m] (150; the paper has 40, 70, 150).
+
+    All else is as in `Curtain`.
+    """
+
+    material = sheet(Curtain.size, OPTIONS)
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self.drive = Drive((0.6, -0.3), (1.0, 0.3), speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
+
+    @classmethod
+    def build_scene(cls, grid: Grid, material: Material) -> Scene:
+        return Scene("Curtain", grid, material, cls.frame_dt, handles=upper_row(grid))
+
+    def start(self, rng: np.random.Generator) -> Start:
+        grid = self.scene.grid
+        positions = np.zeros((3, *grid.shape))
+        positions[0] = np.linspace(0.0, grid.width, grid.cols)
+        positions[1] = np.linspace(0.0, grid.height, grid.rows)[:, None]
+        target = np.array(rng.uniform(TARGET[0] + APART, TARGET[1]))
+        return Start(positions, np.zeros_like(positions), np.zeros((0, 2, 3)), {"target": target})
+
+
+class Flag2019(Lee2019, Flag):
+    """
+    ## Description
+    `Flag` after Lee, Oh & Lee 2019, of 33 x 49 vertices: in a constant wind along x, without gusts.
+
+    ## Action Space
+    As in `Flag`. With zero actions the pole stands still.
+
+    ## Starting State
+    Flat, upright and at rest, its fly turned 0.5 rad from downwind. The onlooker's direction is random, up to 34
+    degrees beside the wind.
+
+    ## Arguments
+    `preset="lee2019"`, or `preset={"name": "lee2019", "mass": 3.0, "spring": 70.0, "wind": -12.0}`: the cloth's mass
+    [kg] (1.5; the paper has 1.5, 3.0, 4.5), the constant of every spring [N/m] (150; the paper has 40, 70, 150) and
+    the wind [m/s] (12; negative is the paper's wind turned round, which blows from the fly to the pole at first).
+
+    All else is as in `Flag`.
+    """
+
+    options: ClassVar[Mapping[str, float]] = {**OPTIONS, "wind": WIND}
+    material = sheet(Flag.size, OPTIONS)
+
+    def start(self, rng: np.random.Generator) -> Start:
+        grid = self.scene.grid
+        along = np.linspace(0.0, grid.width, grid.cols)
+        positions = np.empty((3, *grid.shape))
+        positions[0], positions[1] = along * np.cos(ACROSS), along * np.sin(ACROSS)
+        positions[2] = -np.linspace(0.0, grid.height, grid.rows)[:, None]
+        aside = rng.uniform(-ASIDE, ASIDE)
+        memory = {"onlooker": np.array([np.cos(aside), np.sin(aside)])}
+        return Start(positions, np.zeros_like(positions), np.zeros((0, 2, 3)), memory)
+
+    def wind(self, episode: Episode) -> np.ndarray:
+        wind = np.zeros((len(episode.action), 3))
+        wind[:, 0] = self.options["wind"]
+        return wind
+
+
+class Collision2019(Lee2019, Collision):
+    """
+    ## Description
+    `Collision` after Lee, Oh & Lee 2019, of 61 x 41 vertices: the cloth hangs by its whole upper edge, and a ball moves
+    into it and back along y by itself, from -0.5 to 0.1 m and back in 2 s.
+
+    ## Action Space
+    As in `Collision`, but it moves the ball away from that path, by at most 0.3 m along each axis. With zero actions
+    the ball keeps to it.
+
+    ## Starting State
+    Flat, upright and at rest, the ball 0.5 m in front of it. The goal is random.
+
+    ## Arguments
+    `preset="lee2019"`, or `preset={"name": "lee2019", "mass": 3.0, "spring": 70.0}`: the cloth's mass [kg] (1.5; the
+    paper has 1.5, 3.0, 4.5) and the constant of every spring [N/m] (150; the paper has 40, 70, 150).
+
+    All else is as in `Collision`.
+    """
+
+    material = sheet(Collision.size, OPTIONS)
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self.drive = Drive([-0.3] * 3, [0.3] * 3, speed=1.2, acceleration=12.0, dt=self.frame_dt)
+
+    @classmethod
+    def build_scene(cls, grid: Grid, material: Material) -> Scene:
+        hung = super().build_scene(grid, material)
+        return Scene("Collision", grid, material, cls.frame_dt, handles=upper_row(grid), colliders=hung.colliders)
+
+    def path(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Where the ball would be at ``time`` ``(B,)`` and how fast, ``(B, 3)`` [m] and [m/s]."""
+        middle, reach = (BALL_FROM + BALL_TO) / 2, (BALL_TO - BALL_FROM) / 2
+        rate = 2 * np.pi / BALL_PERIOD
+        place, speed = np.zeros((2, len(time), 3))
+        place[:, 1], place[:, 2] = middle - reach * np.cos(rate * time), BALL_Z
+        speed[:, 1] = reach * rate * np.sin(rate * time)
+        return place, speed
+
+    def start(self, rng: np.random.Generator) -> Start:
+        grid = self.scene.grid
+        positions = np.zeros((3, *grid.shape))
+        positions[0] = np.linspace(-0.5, 0.5, grid.cols) * grid.width
+        positions[2] = -np.linspace(0.0, grid.height, grid.rows)[:, None]
+        goal = rng.uniform(GOAL_LOW, GOAL_HIGH)
+        memory = {"goal": goal, "shape": self.shape(goal[None])[0]}
+        ball, _ = self.path(np.zeros(1))
+        return Start(positions, np.zeros_like(positions), np.tile(ball, (1, 2, 1)), memory)
+
+    def controls(self, episode: Episode) -> Controls:
+        state = episode.state
+        (place, speed), (next_place, next_speed) = self.path(state.time), self.path(state.time + self.frame_dt)
+        off, drift = state.colliders[:, 0, 0] - place, state.collider_velocities[:, 0, 0] - speed
+        moved, reached = self.drive(off, drift, episode.action)
+        controls = self.hold(episode)
+        controls.colliders[:] = (next_place + off + moved)[:, None, None]
+        controls.collider_velocities[:] = (next_speed + reached)[:, None, None]
+        return controls
