@@ -5,6 +5,7 @@
 
 #include <string>
 
+#include "admm.hpp"
 #include "arrays.hpp"
 #include "episode.hpp"
 #include "explicit.hpp"
@@ -124,6 +125,7 @@ NB_MODULE(_minicloth_kernels, m) {
   bind_state<float>(m);
   bind_state<double>(m);
   bind_episode(m);
+  bind_admm(m);
   bind_implicit(m);
   bind_particles(m);
   m.def("instruction_set", &best_lanes_name, "The instruction set that the kernels run on this processor.");

@@ -2,17 +2,20 @@
 #include <cstdlib>
 #include <string_view>
 
+#include "admm.hpp"
 #include "lanes.hpp"
 #include "particles.hpp"
 
 namespace minicloth {
 
-#define DECLARE(name)                        \
-  namespace name {                           \
-  const Lanes<float>& lanes(float);          \
-  const Lanes<double>& lanes(double);        \
-  const NetLanes<float>& net_lanes(float);   \
-  const NetLanes<double>& net_lanes(double); \
+#define DECLARE(name)                          \
+  namespace name {                             \
+  const Lanes<float>& lanes(float);            \
+  const Lanes<double>& lanes(double);          \
+  const NetLanes<float>& net_lanes(float);     \
+  const NetLanes<double>& net_lanes(double);   \
+  const AdmmLanes<float>& admm_lanes(float);   \
+  const AdmmLanes<double>& admm_lanes(double); \
   }
 DECLARE(baseline)
 #ifdef MINICLOTH_X86_LEVELS
@@ -67,6 +70,17 @@ const NetLanes<T>& best_net_lanes() {
 }
 template const NetLanes<float>& best_net_lanes<float>();
 template const NetLanes<double>& best_net_lanes<double>();
+
+template <class T>
+const AdmmLanes<T>& best_admm_lanes() {
+#ifdef MINICLOTH_X86_LEVELS
+  if (kLevel == 2) return avx512::admm_lanes(T{});
+  if (kLevel == 1) return avx2::admm_lanes(T{});
+#endif
+  return baseline::admm_lanes(T{});
+}
+template const AdmmLanes<float>& best_admm_lanes<float>();
+template const AdmmLanes<double>& best_admm_lanes<double>();
 
 const char* best_lanes_name() { return kNames[kLevel]; }
 

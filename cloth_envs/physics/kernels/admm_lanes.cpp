@@ -1,0 +1,160 @@
+// The loops of admm.cpp, compiled once per instruction set; LANES names the namespace.
+#include "admm.hpp"
+#include "simd.hpp"
+
+namespace minicloth {
+namespace LANES {
+namespace {
+
+template <class T>
+constexpr T tiny = T(1e-20);  // keeps ghosts, which all lie at the origin, finite
+
+template <class T>
+inline V3<T> at(T* const (&planes)[3], int i) {
+  return {load<T>(planes[0] + i), load<T>(planes[1] + i), load<T>(planes[2] + i)};
+}
+template <class T>
+inline void put(T* const (&planes)[3], int i, const V3<T>& v) {
+  store<T>(planes[0] + i, v.x), store<T>(planes[1] + i, v.y), store<T>(planes[2] + i, v.z);
+}
+
+template <class T>
+void rest(const Geometry<T>& g, T a, T* const (&x)[3], T* const (&out)[4]) {
+  const int s = g.stride, to[4] = {1, s, s + 1, s - 1};
+  const T length[4] = {g.col_length, g.row_length, g.diagonal, g.diagonal};
+  const T share = 1 / (1 + a);
+  for (int e = 0; e < 4; ++e)
+    for (int i = g.begin; i < g.end; i += kLanes<T>) {
+      const V3<T> d = at(x, i + to[e]) - at(x, i);
+      const V<T> square = dot(d, d) + tiny<T>;
+      store(out[e] + i, share * (length[e] + a * (square * rsqrt(square))));
+    }
+}
+
+// For every edge y = d + u and u <- y (1 - L/|y|) / (1 + w): the prox of the spring, z = y - u, for a weight of w
+// times its stiffness. Its share of D^T W^2 (z - u - d) is then w k (u before - 2 u after), away from each end.
+template <class T, bool kBending>
+void local(const Geometry<T>& g, const LocalTerms<T>& p, const T* area, T* const (&goal)[3], T* const (&x)[3],
+           const EdgePlanes<T>& u, T* const (&rest)[4], T* const (&tail)[9], T* const (&residual)[3]) {
+  const int s = g.stride;
+  const T *along = g.along.data(), *down = g.down.data(), *right = g.right.data(), *left = g.left.data();
+  const T *along_near = g.along_near.data(), *down_near = g.down_near.data();
+  const T *along_far = g.along_far.data(), *down_far = g.down_far.data();
+  const T stretch = p.stretch, shear = p.shear, bend = p.bend, shrink = p.shrink, inertia = p.inertia;
+  T* const souths[3] = {tail[0], tail[1], tail[2]};
+  T* const rights[3] = {tail[3], tail[4], tail[5]};
+  T* const lefts[3] = {tail[6], tail[7], tail[8]};
+  V3<T> previous = {};
+  for (int i = g.begin; i < g.end; i += kLanes<T>) {
+    const V3<T> here = at(x, i);
+    const auto edge = [&](int e, int j, const V<T>& k, const V<T>& linear) __attribute__((always_inline)) {
+      const V3<T> d = at(x, j) - here, before = at(u.p[e], i), y = d + before;
+      const V<T> inverse = rsqrt(y.x * y.x + (y.y * y.y + (y.z * y.z + tiny<T>)));
+      const V3<T> after = (shrink - shrink * load(rest[e] + i) * inverse) * y;
+      put(u.p[e], i, after);
+      const V3<T> pull = k * ((after - before) + after);
+      if constexpr (kBending) return pull + linear * d;
+      return pull;
+    };
+    const V<T> none = {};
+    const auto east = edge(0, i + 1, stretch * load(along + i), kBending ? bend * load(along_near + i) : none);
+    V3<T> f = east - V3<T>{late(previous.x, east.x), late(previous.y, east.y), late(previous.z, east.z)};
+    previous = east;
+    const auto south = edge(1, i + s, stretch * load(down + i), kBending ? bend * load(down_near + i) : none);
+    put(souths, i, south);
+    f = f + (south - at(souths, i - s));
+    const auto south_east = edge(2, i + s + 1, shear * load(right + i), none);
+    put(rights, i, south_east);
+    f = f + (south_east - at(rights, i - s - 1));
+    const auto south_west = edge(3, i + s - 1, shear * load(left + i), none);
+    put(lefts, i, south_west);
+    f = f + (south_west - at(lefts, i - s + 1));
+    if constexpr (kBending) {
+      const auto far = [&](int j, const T* weight)
+                           __attribute__((always_inline)) { return load(weight) * (at(x, j) - here); };
+      f = f + (none + bend) * ((far(i + 2, along_far + i) + far(i - 2, along_far + i - 2)) +
+                               (far(i + 2 * s, down_far + i) + far(i - 2 * s, down_far + i - 2 * s)));
+    }
+    put(residual, i, f + (inertia * load(area + i)) * (at(goal, i) - here));
+  }
+}
+
+template <class T>
+void local_any(const Geometry<T>& g, const LocalTerms<T>& p, const T* area, T* const (&goal)[3], T* const (&x)[3],
+               const EdgePlanes<T>& u, T* const (&rest)[4], T* const (&tail)[9], T* const (&residual)[3]) {
+  (p.bend > 0 ? local<T, true> : local<T, false>)(g, p, area, goal, x, u, rest, tail, residual);
+}
+
+// Wind and pressure as in lanes.cpp; the wind's force is taken 1 / (1 + h a |u|) times, which is what
+// du/dt = -a |u| u does to a speed u over the step h: it never turns the flow round.
+template <class T>
+void gust(const Geometry<T>& g, const GustTerms<T>& p, const Planes<T>& in, const Cells<T>& out) {
+  const int s = g.stride;
+  const V<T> zero = {}, one = zero + T(1);
+  const V3<T> wind3 = {zero + 3 * p.wind[0], zero + 3 * p.wind[1], zero + 3 * p.wind[2]};
+  const T normal = p.normal / 9, tangential = p.tangential / 9;  // for three times the velocity
+  const T slow_normal = p.slow_normal / 3, slow_tangential = p.slow_tangential / 3;
+  for (int i = g.begin; i < g.end; i += kLanes<T>) {
+    const V3<T> x = at(in.x, i), right = at(in.x, i + 1) - x, across = at(in.x, i + s + 1) - x;
+    const V3<T> down = at(in.x, i + s) - x;
+    const V3<T> n1 = cross(down, across), n2 = cross(down, right), n3 = cross(across, right), n0 = (n1 + n3) - n2;
+    const V<T> share = load(g.cell.data() + i) / T(6);  // a third of half the force to each vertex
+    const V3<T> sum = (at(in.v, i) + at(in.v, i + 1)) + (at(in.v, i + s) + at(in.v, i + s + 1)) - wind3;
+    const auto force = [&](const V3<T>& n, int missing) __attribute__((always_inline)) {
+      const V3<T> u = sum - at(in.v, missing);
+      const V<T> square = dot(n, n) + T(1e-30), inverse = rsqrt(square), through = inverse * dot(n, u);
+      const V<T> speed = through < T(0) ? -through : through;
+      const V3<T> slide = u - (through * inverse) * n;
+      const V<T> slide2 = dot(slide, slide) + T(1e-30), sliding = slide2 * rsqrt(slide2);
+      const V<T> drag = tangential * (square * inverse) * sliding / (one + slow_tangential * sliding);
+      const V<T> push = p.pressure / 2 - normal * speed * through / (one + slow_normal * speed);
+      return push * n - drag * slide;
+    };
+    const V3<T> f0 = force(n0, i), f1 = force(n1, i + 1), f2 = force(n2, i + s + 1), f3 = force(n3, i + s);
+    const V3<T> all = (f0 + f2) + (f1 + f3);
+    put(out.corner[0], i, share * (all - f0));
+    put(out.corner[1], i, share * (all - f1));
+    put(out.corner[2], i, share * (all - f2));
+    put(out.corner[3], i, share * (all - f3));
+  }
+}
+
+// kRows rows by kCols vectors of a product.
+template <class T, int kRows, int kCols>
+inline void block(int k, const T* a, int row, int col, const T* b, int ldb, T* c, int ldc) {
+  V<T> sum[kRows][kCols] = {};
+  for (int j = 0; j < k; ++j, a += col, b += ldb) {
+    V<T> line[kCols];
+    for (int n = 0; n < kCols; ++n) line[n] = load(b + n * kLanes<T>);
+    for (int m = 0; m < kRows; ++m)
+      for (int n = 0; n < kCols; ++n) sum[m][n] += a[m * row] * line[n];
+  }
+  for (int m = 0; m < kRows; ++m)
+    for (int n = 0; n < kCols; ++n) store(c + m * ldc + n * kLanes<T>, sum[m][n]);
+}
+template <class T, int kCols>
+inline void columns(int m, int k, const T* a, int row, int col, const T* b, int ldb, T* c, int ldc) {
+  constexpr int kRows = kBytes == 64 ? 8 : 4;
+  int i = 0;
+  for (; i + kRows <= m; i += kRows) block<T, kRows, kCols>(k, a + i * row, row, col, b, ldb, c + i * ldc, ldc);
+  for (; i + 2 <= m; i += 2) block<T, 2, kCols>(k, a + i * row, row, col, b, ldb, c + i * ldc, ldc);
+  for (; i < m; ++i) block<T, 1, kCols>(k, a + i * row, row, col, b, ldb, c + i * ldc, ldc);
+}
+template <class T>
+void multiply(int m, int k, int n, const T* a, int row, int col, const T* b, int ldb, T* c, int ldc) {
+  int j = 0;
+  for (; j + 3 * kLanes<T> <= n; j += 3 * kLanes<T>) columns<T, 3>(m, k, a, row, col, b + j, ldb, c + j, ldc);
+  for (; j + 2 * kLanes<T> <= n; j += 2 * kLanes<T>) columns<T, 2>(m, k, a, row, col, b + j, ldb, c + j, ldc);
+  for (; j < n; j += kLanes<T>) columns<T, 1>(m, k, a, row, col, b + j, ldb, c + j, ldc);
+}
+
+template <class T>
+const AdmmLanes<T> table = {rest<T>, local_any<T>, gust<T>, multiply<T>};
+
+}  // namespace
+
+const AdmmLanes<float>& admm_lanes(float) { return table<float>; }
+const AdmmLanes<double>& admm_lanes(double) { return table<double>; }
+
+}  // namespace LANES
+}  // namespace minicloth
