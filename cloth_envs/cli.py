@@ -13,7 +13,7 @@ from cloth_envs import __version__
 from cloth_envs.naming import unknown_name
 
 # name -> "module:main(argv)", imported on use; `training` may import cloth_envs, never the other way but here.
-BENCHMARKS = {"throughput": "training.bench.throughput:main"}
+BENCHMARKS = {"solvers": "training.bench.solvers:main", "throughput": "training.bench.throughput:main"}
 
 
 def _list(given: argparse.Namespace) -> str:
@@ -33,8 +33,9 @@ def _rollout(given: argparse.Namespace) -> str:
         policy=given.policy,
         backend=given.backend,
         backend_kwargs=read_object(given.backend_kwargs, "--backend-kwargs"),
-        material=_material(given.material),
+        material=_named(given.material, "--material"),
         resolution=None if given.resolution is None else read_resolution(given.resolution),
+        preset=_named(given.preset, "--preset"),
         video=given.video,
         images=given.images,
         hdf5=given.hdf5,
@@ -60,7 +61,7 @@ def _compare(given: argparse.Namespace) -> str:
         frames=given.frames,
         seed=given.seed,
         policy=given.policy,
-        material=_material(given.material),
+        material=_named(given.material, "--material"),
         horizon=given.horizon,
         out=given.out,
         video=not given.no_video,
@@ -74,11 +75,11 @@ def _bench(given: argparse.Namespace) -> NoReturn:
     sys.exit(getattr(import_module(module), function)(given.options))
 
 
-def _material(text: str | None) -> Any:
-    """A fabric's name, or a JSON object of properties."""
+def _named(text: str | None, option: str) -> Any:
+    """A fabric's or a preset's name, or a JSON object."""
     from cloth_envs.commands.entries import read_object
 
-    return read_object(text, "--material") if text and text.lstrip().startswith("{") else text
+    return read_object(text, option) if text and text.lstrip().startswith("{") else text
 
 
 def _names(text: str) -> list[str]:
@@ -121,7 +122,7 @@ def parser() -> argparse.ArgumentParser:
         sub.add_argument("--images", metavar="DIR", help="one PNG a frame")
         sub.add_argument("--strain", action="store_true", help="colour the cloth by its strain")
 
-    sub = command("list", _list, "List scenes, backends, fabrics and policies; or describe one scene.")
+    sub = command("list", _list, "List scenes, presets, backends, fabrics and policies; or describe one scene.")
     sub.add_argument("--scene", metavar="SCENE", help="describe this scene and its task")
 
     sub = command("rollout", _rollout, "Simulate one episode; draw it, record it.")
@@ -130,6 +131,7 @@ def parser() -> argparse.ArgumentParser:
     sub.add_argument("--backend", default="reference", help="which physics (default reference)")
     sub.add_argument("--backend-kwargs", metavar="JSON", default="{}", help="such as '{\"refine\": 2}'")
     sub.add_argument("--resolution", metavar="ROWSxCOLS", help="of the grid, at equal size and material")
+    sub.add_argument("--preset", help='a paper\'s set-up by name, or JSON: \'{"name": "lee2019", "mass": 3}\'')
     pictures(sub)
     sub.add_argument("--hdf5", metavar="OUT.h5", help="record the rollout")
     sub.add_argument("--overwrite", action="store_true", help="replace an existing HDF5 file")

@@ -29,7 +29,8 @@ def load_preset(scene: str, preset: str | Mapping[str, Any]) -> Any:
     if scene not in PRESETS[name]:
         own = presets_of(scene)
         has = f"has {', '.join(map(repr, own))}" if own else "has none"
-        raise ValueError(f"preset {name!r} is one of {', '.join(PRESETS[name])}; {scene} {has}: change either")
+        of = ", ".join(PRESETS[name])
+        raise ValueError(f"preset {name!r} exists for {of}, {scene} {has}: choose another preset or scene")
     module, attribute = PRESETS[name][scene].split(":")
     task = getattr(import_module(module), attribute)
     for option, value in options.items():

@@ -6,7 +6,8 @@ import inspect
 
 from cloth_envs.commands.policies import POLICIES
 from cloth_envs.material import FABRICS
-from cloth_envs.registry import BACKENDS, EPISODE_FRAMES, SCENES, env_id, load_backend, load_task
+from cloth_envs.presets import load_preset, presets_of
+from cloth_envs.registry import BACKENDS, EPISODE_FRAMES, PRESETS, SCENES, env_id, load_backend, load_task
 
 
 def table(rows: list[list[str]]) -> str:
@@ -17,7 +18,7 @@ def table(rows: list[list[str]]) -> str:
 
 
 def everything() -> str:
-    """Scenes, backends, fabrics and policies as text."""
+    """Scenes, presets, backends, fabrics and policies as text."""
     scenes = [["scene", "grid", "frame", "episode", "action, each in [-1, 1]"]]
     for name in SCENES:
         task = load_task(name)
@@ -25,12 +26,18 @@ def everything() -> str:
         frames = EPISODE_FRAMES[name]
         episode = f"{frames} frames, {frames * task.frame_dt:g} s"
         scenes.append([name, f"{rows} x {cols}", f"{task.frame_dt * 1e3:g} ms", episode, ", ".join(task.actions)])
+    presets = [["preset", "of the scenes", "grid", "options and defaults"]]
+    for name, of in PRESETS.items():
+        tasks = [load_preset(scene, name) for scene in of]
+        grids = ", ".join(dict.fromkeys(f"{task.resolution[0]} x {task.resolution[1]}" for task in tasks))
+        options = {option: value for task in tasks for option, value in task.options.items()}
+        presets.append([name, ", ".join(of), grids, ", ".join(f"{o} {value:g}" for o, value in options.items())])
     backends = [[name, (inspect.getdoc(load_backend(name)) or "").split("\n")[0]] for name in BACKENDS]
     fabrics = [["fabric", "kg/m^2", "stretch N/m", "shear N/m", "bend N m", "drag 1/s"]]
     for name, m in FABRICS.items():
         numbers = (m.areal_density, m.stretch_stiffness, m.shear_stiffness, m.bend_stiffness, m.drag)
         fabrics.append([name, *(f"{value:g}" for value in numbers)])
-    parts = [table(scenes), table([["backend", ""], *backends]), table(fabrics)]
+    parts = [table(scenes), table(presets), table([["backend", ""], *backends]), table(fabrics)]
     parts.append(table([["policy", ""], *([name, text] for name, text in POLICIES.items())]))
     return "\n\n".join(parts)
 
@@ -43,4 +50,6 @@ def scene(name: str) -> str:
     """
     task = load_task(name)
     world = task.make_scene(resolution=task.resolution, material=task.material)
-    return f"{env_id(name)}\n\n{world.describe()}\n\n{inspect.getdoc(task)}"
+    parts = [env_id(name), world.describe(), inspect.getdoc(task) or ""]
+    parts += [f'preset="{preset}"\n\n{inspect.getdoc(load_preset(name, preset))}' for preset in presets_of(name)]
+    return "\n\n".join(parts)

@@ -26,6 +26,7 @@ def rollout(
     backend_kwargs: Mapping[str, Any] | None = None,
     material: str | Mapping[str, float] | None = None,
     resolution: Sequence[int] | None = None,
+    preset: str | Mapping[str, Any] | None = None,
     video: str | None = None,
     images: str | None = None,
     hdf5: str | None = None,
@@ -55,6 +56,7 @@ def rollout(
             backend_kwargs=dict(backend_kwargs or {}),
             material=material,
             resolution=resolution,
+            preset=preset,
         )
         stack.callback(env.close)
         cloth: Any = env.unwrapped
