@@ -6,7 +6,6 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 
 
@@ -25,9 +24,10 @@ class Particles:
         keep: what a step inside a ball leaves of the velocity relative to the ball; an inward one is removed
             before. It stands for both friction and restitution.
         sim_dt: the step that the settings belong to [s].
+        spacing: of the square grid that the settings belong to [m].
 
     Raises:
-        ValueError: a value that is not finite, negative, or (mass, stiffness, step) not positive.
+        ValueError: a value that is not finite, negative, or (mass, stiffness, step, spacing) not positive.
     """
 
     node_mass: float = 1.0
@@ -36,37 +36,37 @@ class Particles:
     drag: float = 3.0
     keep: float = 0.95
     sim_dt: float = 3.125e-4
+    spacing: float = 1 / 128
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            positive = field.name in ("node_mass", "stiffness", "sim_dt")
+            positive = field.name in ("node_mass", "stiffness", "sim_dt", "spacing")
             if not np.isfinite(value) or value < 0 or (positive and value == 0):
                 need = "positive" if positive else "zero or positive"
                 raise ValueError(f"particles' {field.name} must be {need} and finite, got {value!r}")
 
-    def sheet(self, grid: Grid) -> Material:
+    def sheet(self) -> Material:
         """The nearest ``Material`` [SI]: what the net does inside, for small strains.
 
-        A line of springs across a width ``a`` holds the force ``Y e`` at the strain ``e``; on every such line
-        there is one spring to the nearest neighbour and there are two side by side to those at distance two.
-        The diagonals' constant is ``Y / d``. Springs at distance two bend with the fourth power of the angle: no
-        bend stiffness. On cells that are not square the two directions differ; their mean is taken.
+        Along every line of springs, one per spacing of width, there is one spring to the nearest neighbour and there
+        are two side by side to those at distance two; each holds the force ``Y e`` at the strain ``e``. A diagonal's
+        constant is ``Y / (sqrt(2) spacing)``. Springs at distance two bend with the fourth power of the angle: no
+        bend stiffness.
         """
-        a, b, d = grid.row_spacing, grid.col_spacing, grid.diagonal
         return Material(
-            areal_density=self.node_mass / (a * b),
-            stretch_stiffness=3 * self.stiffness * (1 / a + 1 / b) / 2,
-            shear_stiffness=2 * a * b / d**3 * self.stiffness,
+            areal_density=self.node_mass / self.spacing**2,
+            stretch_stiffness=3 * self.stiffness / self.spacing,
+            shear_stiffness=self.stiffness / (2**0.5 * self.spacing),
             bend_stiffness=0.0,
-            damping=self.dashpot / self.stiffness * (a + b) / 2,
+            damping=self.dashpot * self.spacing / self.stiffness,
             drag=self.drag,
         )
 
-    def describe(self, grid: Grid) -> str:
+    def describe(self) -> str:
         """The settings as text."""
         return (
             f"particles: {self.node_mass:g} kg each, springs Y (|r|/L - 1) with Y = {self.stiffness:g} N "
-            f"(Y/L = {self.stiffness / grid.col_spacing:g} N/m along a row), dashpots {self.dashpot:g} N s/m, "
+            f"(Y/L = {self.stiffness / self.spacing:g} N/m to the nearest), dashpots {self.dashpot:g} N s/m, "
             f"drag {self.drag:g} 1/s, step {self.sim_dt * 1e3:g} ms"
         )

@@ -110,7 +110,7 @@ class Scene:
             f"material: {m.areal_density:g} kg/m^2, stretch {m.stretch_stiffness:g} N/m, "
             f"shear {m.shear_stiffness:g} N/m, bend {m.bend_stiffness:g} N m"
             if net is None
-            else net.describe(g),
+            else net.describe(),
             "modelled: " + "; ".join(name for name, on in terms.items() if on),
             "not modelled: " + "; ".join(name for name, on in terms.items() if not on),
         ]

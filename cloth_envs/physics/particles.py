@@ -44,12 +44,18 @@ def net_of(scene: Scene) -> Particles:
     """The scene's particles.
 
     Raises:
-        ValueError: the scene is a sheet, or models what a net of particles has not.
+        ValueError: the scene is a sheet, has another grid, or models what a net of particles has not.
     """
     if scene.particles is None:
         raise ValueError(f"{scene.name} is a sheet: choose a preset whose scene has particles, such as 'zhao2024'")
     if scene.grid.periodic or scene.wind is not None or any(body.kind != "sphere" for body in scene.colliders):
         raise ValueError("a net of particles is flat and knows no wind and no bodies but spheres: change the scene")
+    spacings, own = (scene.grid.row_spacing, scene.grid.col_spacing), scene.particles.spacing
+    if not np.allclose(spacings, own, rtol=1e-9, atol=0):
+        raise ValueError(
+            f"the settings of these particles belong to a grid of spacing {own:g} m, this one has {spacings}: "
+            'use backend="reference" and no other resolution'
+        )
     return scene.particles
 
 

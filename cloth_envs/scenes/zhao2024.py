@@ -42,7 +42,7 @@ class Zhao2024(Task):
     fixed = ("material", "randomize", "resolution")
     size = (GRID.height, GRID.width)
     resolution = GRID.shape
-    material = NET.sheet(GRID)
+    material = NET.sheet()
 
     def flat(self, height: float, memory: dict[str, np.ndarray], colliders: np.ndarray | None = None) -> Start:
         """Level and at rest at ``height`` [m], x from -0.5, y down from 0.5 m."""
@@ -208,7 +208,7 @@ class Ball2024(Zhao2024, BallDrop):
     """
 
     net = BALL_NET
-    material = BALL_NET.sheet(GRID)
+    material = BALL_NET.sheet()
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
