@@ -168,9 +168,9 @@ def test_loss_in_dashpots() -> None:
 def test_the_budget_of_a_simulation_closes_and_notices_a_wrong_gravity() -> None:
     grid = Grid(6, 7, 0.5, 0.6)
     rests, gained = [], 0.0
-    for steps in (200, 400):
+    for steps in (100, 200):
         material = Material(0.2, 100.0, 30.0, 1e-4, 1e-3, 0.8)
-        scene = Scene("swing", grid, material, 0.25 / steps, handles=(0, 6), wind=Wind())
+        scene = Scene("swing", grid, material, 0.125 / steps, handles=(0, 6), wind=Wind())
         x = np.zeros((1, 3, 6, 7))
         x[0, 0], x[0, 1] = np.linspace(0, 0.6, 7), -np.linspace(0, 0.5, 6)[:, None]
         state = State.still(x)
@@ -224,11 +224,11 @@ def test_slow_motion_gate() -> None:
     np.testing.assert_allclose(found.fall, 1, **EXACT)
     np.testing.assert_allclose(found.fraction, [0.03, 0.1], **EXACT)
     assert found.passed.tolist() == [True, False]
-    # It is the worst moment that counts, and a cloth that rests has no fall: then 1 % of its length.
+    # It is the worst moment that counts, and a cloth that rests has no fall: then 5 % of its length.
     there_and_back = slow_motion(SCENE, [start, run, start], [start, converged, start])
     np.testing.assert_allclose(there_and_back.fraction, found.fraction, **EXACT)
     resting = slow_motion(SCENE, [start, sheet(0.001)], [start, start])
-    np.testing.assert_allclose(resting.fraction, 0.1, **EXACT)
+    np.testing.assert_allclose(resting.fraction, 0.001 / 0.05, **EXACT)
     run.positions[0, 2, 0, 0] = np.nan
     assert not slow_motion(SCENE, [start, run], [start, converged]).passed[0]
 

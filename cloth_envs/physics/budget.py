@@ -18,6 +18,9 @@ from cloth_envs.scene import GRAVITY, Scene
 from cloth_envs.state import State
 
 
+LEAST_FALL = 0.05  # of the cloth's length: a cloth that hardly falls says nothing of slow motion
+
+
 @dataclass(frozen=True)
 class Budget:
     """Where the mechanical energy came from and went, ``(B,)`` [J]:
@@ -126,7 +129,7 @@ class SlowMotion:
         difference: mean height of the run less that of the converged one where they are farthest apart [m]; positive
             where the run hangs in the air.
         fall: how far the converged mean height got from its start [m].
-        fraction: ``|difference|`` over the fall, or over 1 % of the cloth's length if it fell less than that.
+        fraction: ``|difference|`` over the fall, or over ``LEAST_FALL`` of the cloth's length if it fell less.
         passed: ``fraction <= tolerance``.
     """
 
@@ -159,5 +162,5 @@ def slow_motion(
     worst = abs(gap).argmax(0)  # the first NaN, if there is one
     difference = np.take_along_axis(gap, worst[None], 0)[0]
     fall = abs(true - true[0]).max(0)
-    fraction = abs(difference) / np.maximum(fall, 0.01 * max(scene.grid.height, scene.grid.width))
+    fraction = abs(difference) / np.maximum(fall, LEAST_FALL * max(scene.grid.height, scene.grid.width))
     return SlowMotion(difference, fall, fraction, fraction <= tolerance)

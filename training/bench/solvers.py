@@ -1,0 +1,120 @@
+"""``minicloth bench solvers``: accuracy per cost, convergence and limits of the reference solvers.
+
+Parts: chaos (how far nudged truths part), convergence (all solvers meet in one limit), cost (error against time a
+frame), sweep (where they fail). Rows that are in --out already are kept; --fresh measures again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from cloth_envs.machine import header
+from cloth_envs.naming import unknown_name
+from cloth_envs.physics.solver import SOLVERS
+from cloth_envs.registry import SCENES
+from training.bench import chaos, convergence, cost, solver_chart, sweep
+from training.bench.configurations import CONVERGENCE, COST, SWEEP, choose
+from training.bench.store import Store
+from training.bench.throughput import write_rows
+from training.bench.truth import Case, cache_folder
+
+PARTS = ("chaos", "convergence", "cost", "sweep")
+CHART_FRAMES = 5
+
+
+def parser() -> argparse.ArgumentParser:
+    top = argparse.ArgumentParser(prog="minicloth bench solvers", description=__doc__)
+    top.add_argument("--parts", default=",".join(PARTS), help="some of " + ", ".join(PARTS))
+    top.add_argument("--scenes", default=",".join(SCENES), help="default: all")
+    top.add_argument("--solvers", help="default: all that are installed")
+    top.add_argument("--seeds", type=int, help="episodes a scene (default 5 for chaos, 3 for cost, 1 otherwise)")
+    top.add_argument("--quick", action="store_true", help="coarse grids and few settings, in 2 minutes; says so")
+    top.add_argument("--out", type=Path, help="folder for rows (CSV), their header (JSON) and charts")
+    top.add_argument("--cache", type=Path, help="folder of the truths (default: in the user's caches)")
+    top.add_argument("--fresh", action="store_true", help="measure again what --out holds of these parts")
+    return top
+
+
+def _list(text: str, known: Sequence[str], what: str) -> list[str]:
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    for name in names:
+        if name not in known:
+            raise unknown_name(what, name, known)
+    return names
+
+
+def main(argv: list[str] | None = None) -> int:
+    given = parser().parse_args(argv)
+    parts, scenes = _list(given.parts, PARTS, "part"), _list(given.scenes, list(SCENES), "scene")
+    solvers = None if given.solvers is None else _list(given.solvers, list(SOLVERS), "solver")
+    quick, out, cache = given.quick, given.out, cache_folder(given.cache)
+    if out:
+        out.mkdir(parents=True, exist_ok=True)
+    coarse = 4 if quick else 1
+    about = {**header(), "quick": quick, "threads": 1, "omp_num_threads": os.environ.get("OMP_NUM_THREADS", "unset")}
+    print(f"{about['processor']}, {about['cores']} cores{', quick: coarse grids, few settings' if quick else ''}")
+
+    def cases(default: int, coarse: int = coarse, which: Sequence[str] = scenes) -> list[Case]:
+        return [Case(scene, seed, coarse) for scene in which for seed in range(given.seeds or default)]
+
+    def path(name: str) -> Path | None:
+        return out / name if out else None
+
+    floor_rows: list[chaos.Floor] = []
+    if "chaos" in parts:
+        store = Store(path("chaos_floor.csv"), chaos.Floor, chaos.KEY, fresh=given.fresh)
+        frames = chaos.FRAMES[:3] if quick else chaos.FRAMES
+        chaos.run(store, cases(2 if quick else 5), frames)
+        floor_rows = store.rows
+        print(f"\nChaos floor: truth against itself nudged by {chaos.NUDGE:g} of its length, % of the length")
+        print(chaos.table(floor_rows))
+        if out:
+            (out / "chaos_floor.json").write_text(json.dumps(about, indent=2))
+    if "convergence" in parts:
+        points = Store(path("solvers_convergence.csv"), convergence.Point, convergence.KEY, fresh=given.fresh)
+        convergence.run(points, cases(1, 2 * coarse), choose(CONVERGENCE, solvers), cache)
+        print("\nConvergence to one limit")
+        print(convergence.table(points.rows))
+    if "cost" in parts:
+        runs = Store(path("solvers_runs.csv"), cost.Run, cost.KEY, fresh=given.fresh)
+        starts = (0.0, 1.0) if quick else cost.STARTS
+        cost.run(runs, cases(1 if quick else 3), choose(COST, solvers, 2 if quick else 1), cache, starts)
+        summaries = cost.summaries(runs.rows)
+        print("\nAccuracy per cost, one thread")
+        print(cost.table(summaries))
+        if out:
+            write_rows(out / "solvers.csv", summaries)
+            draw(summaries, floor_rows, out, str(about["processor"]), quick)
+    if "sweep" in parts:
+        grid = Store(path("solvers_sweep.csv"), sweep.Cell, sweep.KEY, fresh=given.fresh)
+        sweep.run(grid, cases(1), choose(SWEEP, solvers), cache)
+        print("\nSweep")
+        print(sweep.table(grid.rows))
+    if out:
+        (out / "solvers.json").write_text(json.dumps(about, indent=2))
+        print(f"rows in {out}")
+    return 0
+
+
+def draw(summaries: list[cost.Summary], rows: list[chaos.Floor], out: Path, processor: str, quick: bool) -> None:
+    """The chart, with the floor of ``rows`` or, at full resolution, of the stored data."""
+    floors = {}
+    for scene in dict.fromkeys(s.scene for s in summaries):
+        found = [r.error for r in rows if (r.scene, r.frames) == (scene, CHART_FRAMES)]
+        if found:
+            floors[scene] = float(np.median(found))
+        elif not quick and chaos.DATA.is_file():
+            floors[scene] = chaos.floor(scene, CHART_FRAMES)
+    note = (
+        f"{processor}, one thread{', QUICK: coarse grids' if quick else ''}. Mean distance of the vertices from\n"
+        "the truth, after restarts from it. Hollow: in 0.5 s the mean height lags (or leads) the truth's by over\n"
+        "5 % of its way. Grey: below the chaos floor, where errors mean nothing."
+    )
+    paths = [out / f"solvers.{kind}" for kind in ("png", "svg")]
+    solver_chart.draw(summaries, floors, paths, frames=CHART_FRAMES, note=note)
