@@ -17,7 +17,6 @@ from cloth_envs.physics.diagnostics import as_materials, depths, energy
 from cloth_envs.scene import GRAVITY, Scene
 from cloth_envs.state import State
 
-
 LEAST_FALL = 0.05  # of the cloth's length: a cloth that hardly falls says nothing of slow motion
 
 
