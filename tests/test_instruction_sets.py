@@ -14,12 +14,12 @@ SETS = ("baseline", "avx2", "avx512")
 
 
 @pytest.mark.parametrize("name", SETS)
-def test_kernel_agrees_with_its_twin(name: str) -> None:
+def test_kernels_agree_with_their_twins(name: str) -> None:
     if SETS.index(name) > SETS.index(instruction_set()):
         pytest.skip(f"this processor's best is {instruction_set()}")
     environment = {**os.environ, "MINICLOTH_INSTRUCTION_SET": name}
     check = "import _minicloth_kernels as k, pytest, sys; assert k.instruction_set() == sys.argv[1]; "
-    check += "sys.exit(pytest.main(['-p', 'no:cacheprovider', sys.argv[2]]))"
-    twin = str(Path(__file__).with_name("test_kernel_twin.py"))
-    done = subprocess.run([sys.executable, "-c", check, name, twin], env=environment, capture_output=True, text=True)
+    check += "sys.exit(pytest.main(['-p', 'no:cacheprovider', *sys.argv[2:]]))"
+    twins = [str(Path(__file__).with_name(f"test_{of}.py")) for of in ("kernel_twin", "particles")]
+    done = subprocess.run([sys.executable, "-c", check, name, *twins], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]

@@ -1,11 +1,12 @@
 """The three examples of Lee, Oh & Lee 2019 (miniature cloth) as presets of Curtain, Flag and Collision.
 
 Stated there: the grids, the frames of 40, 40 and 20 ms, masses 1.5, 3.0, 4.5 (fig. 13), spring constants 40, 70, 150
-(fig. 14), wind on triangles after Wejchert & Haumann, and a wind turned round (fig. 15). Not stated, so our reading: SI
-units; the mass is the whole cloth's (as "the mass of a particle", in its words, 1.5 kg would stretch springs of 150 N/m
-many times over); all springs, diagonals too, have the same constant; the cloth measures 1.5 x 1.0 m; which mass and
-spring go together; how the cloth is held, what it starts from and how fast wind and ball are. Bending, damping and
-drag are those of the package's default material.
+(fig. 14), wind on triangles after Wejchert & Haumann, and a wind turned round (fig. 15). Not stated, so our reading:
+SI units; the mass is the whole cloth's (1.5 kg for each particle, "the mass of a particle" in its words, would stretch
+springs of 150 N/m many times over); all springs, diagonals too, have the same constant (half of it on the border); the
+cloth measures 1.5 x 1.0 m; which mass and spring go together; how the cloth is held, what it starts from and how fast
+wind and ball are. Bending, damping and drag are those of the package's default material. A factor of 2 or 4 divides
+all three grids, 3 that of the curtain only.
 """
 
 from __future__ import annotations

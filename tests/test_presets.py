@@ -1,0 +1,259 @@
+"""The presets: with zero actions they are the papers' scenes; they keep Gymnasium's rules and say what does not go."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import cloth_envs
+from cloth_envs import cli
+from cloth_envs.physics.stencil import edges
+from cloth_envs.presets import load_preset, presets_of
+from cloth_envs.recording import RolloutWriter
+from cloth_envs.recording.reader import Rollout
+from cloth_envs.registry import PRESETS
+from cloth_envs.rendering import framing
+from cloth_envs.scenes import lee2019, zhao2024
+from cloth_envs.world import World
+
+CASES = [(scene, preset) for preset, scenes in PRESETS.items() for scene in scenes]
+cases = pytest.mark.parametrize(("scene", "preset"), CASES)
+# The papers' grids and frames.
+GRIDS = {"Curtain": (73, 49), "Flag": (33, 49), "Collision": (61, 41)}
+FRAMES = {"Curtain": 0.04, "Flag": 0.04, "Collision": 0.02}
+
+
+def make(scene: str, preset: object, **options: object) -> gym.Env:
+    return gym.make(cloth_envs.env_id(scene), preset=preset, **options)
+
+
+def rest(scene: str, preset: object, frames: int, **options: object) -> World:
+    """A world after some frames of zero actions."""
+    world = World(scene, preset=preset, **options)  # type: ignore[arg-type]
+    world.reset({0: np.random.default_rng(0)})
+    for _ in range(frames):
+        _, reasons = world.step(np.zeros((1, len(world.task.actions))))
+        assert reasons == [None]
+    return world
+
+
+@cases
+def test_gymnasium_checker_is_clean(scene: str, preset: str) -> None:
+    with make(scene, preset) as env:
+        check_env(env.unwrapped, skip_render_check=True)
+
+
+@cases
+def test_spaces_are_those_of_the_scene(scene: str, preset: str) -> None:
+    with make(scene, preset) as env, gym.make(cloth_envs.env_id(scene)) as plain:
+        assert env.action_space == plain.action_space
+        assert env.observation_space == plain.observation_space
+        assert env.unwrapped.scene.frame_dt == plain.unwrapped.scene.frame_dt
+        assert env.spec.max_episode_steps == plain.spec.max_episode_steps
+        assert "## Description" in env.unwrapped.task.__doc__
+
+
+@cases
+def test_spec_round_trips_through_json(scene: str, preset: str) -> None:
+    given = {"name": preset, "mass": 3.0, "spring": 70} if preset == "lee2019" else preset
+    with make(scene, given, obs="mesh") as env:
+        text = env.spec.to_json()
+        want = env.reset(seed=0)[0], env.step(env.action_space.high)[0]
+    with gym.make(gym.envs.registration.EnvSpec.from_json(text)) as again:
+        got = again.reset(seed=0)[0], again.step(again.action_space.high)[0]
+    for a, b in zip(want, got, strict=True):
+        assert all(np.array_equal(a[part], b[part]) for part in a)
+
+
+@cases
+def test_state_continues_and_vector_members_are_bit_equal(scene: str, preset: str) -> None:
+    many = gym.make_vec(cloth_envs.env_id(scene), num_envs=2, preset=preset)
+    first, second = make(scene, preset).unwrapped, make(scene, preset).unwrapped
+    batch, _ = many.reset(seed=3)
+    assert np.array_equal(batch[0], first.reset(seed=3)[0])
+    second.reset(seed=9)
+    actions = np.random.default_rng(0).uniform(-1, 1, (4, *many.action_space.shape)).astype(np.float32)
+    for frame, action in enumerate(actions):
+        if frame == 2:
+            second.set_state(first.get_state())
+        batch, rewards, *_ = many.step(action)
+        observed, reward, *_ = first.step(action[0])
+        assert np.array_equal(batch[0], observed)
+        assert rewards[0] == reward
+        if frame >= 2:
+            assert np.array_equal(second.step(action[0])[0], observed)
+    assert 0 <= reward <= 1
+
+
+@cases
+def test_zero_actions_hold_what_the_paper_holds(scene: str, preset: str) -> None:
+    """Handles and bodies, but for the ball of lee2019, stay bit-equal; every seed moves alike."""
+    world = World(scene, preset=preset, num_envs=2)
+    world.reset({i: np.random.default_rng(i) for i in range(2)})
+    start = world.state.copy()
+    for _ in range(3):
+        world.step(np.zeros((2, len(world.task.actions))))
+    end, handles = world.state, list(world.scene.handles)
+    assert np.array_equal(end.positions[0], end.positions[1])
+    held = [state.positions.reshape(2, 3, -1)[..., handles] for state in (start, end)]
+    assert np.array_equal(*held)
+    assert not end.velocities.reshape(2, 3, -1)[..., handles].any()
+    assert not np.array_equal(start.positions, end.positions)
+    assert (start.velocities == 0).all()
+    if scene != "Collision":
+        assert np.array_equal(start.colliders, end.colliders)
+    pressure = {"Pressure": 187_500.0 * (preset == "zhao2024"), "Hanging": 6_250.0}.get(scene, 0.0)
+    assert (end.pressure == pressure).all()
+    assert (end.wind == [12.0 * (scene == "Flag"), 0, 0]).all()
+
+
+@pytest.mark.parametrize("scene", PRESETS["lee2019"])
+def test_lee2019_has_the_papers_grid_mass_and_springs(scene: str) -> None:
+    world = World(scene, preset={"name": "lee2019", "mass": 4.5, "spring": 70})
+    grid = world.scene.grid
+    assert grid.shape == GRIDS[scene]
+    assert grid.row_spacing == pytest.approx(grid.col_spacing)
+    assert world.scene.frame_dt == FRAMES[scene]
+    assert world.scene.mass.sum() == pytest.approx(4.5)
+    material = world.scene.material
+    constants = {c for e in edges(grid) for c in np.round(getattr(material, e.modulus) * e.weight, 9).tolist()}
+    assert constants == {70.0, 35.0}  # half on the border
+    for factor in (2, 4):
+        assert grid.cells[0] % factor == grid.cells[1] % factor == 0
+
+
+def test_lee2019_ball_keeps_to_its_path_and_flag_wind_turns_round() -> None:
+    world = rest("Collision", "lee2019", 50)  # half a period
+    ball = world.state.colliders[0, 0, 0]
+    # float32 positions of up to a metre, each step from the last one's rounding.
+    assert np.allclose(ball, [0.0, lee2019.BALL_TO, lee2019.BALL_Z], atol=50 * np.finfo(np.float32).eps)
+    world = rest("Flag", {"name": "lee2019", "wind": -8.0}, 25)
+    assert world.state.wind[0].tolist() == [-8.0, 0.0, 0.0]
+    assert world.task.middle(world.episode)[0, 0] < 0  # the fly is downwind of the pole
+
+
+@pytest.mark.parametrize("option", [{}, {"mass": 4.5}, {"spring": 40.0}])
+@pytest.mark.parametrize("scene", PRESETS["lee2019"])
+def test_lee2019_variants_live_through_an_episode(scene: str, option: dict[str, float]) -> None:
+    rest(scene, {"name": "lee2019", **option}, cloth_envs.registry.EPISODE_FRAMES[scene])
+
+
+@pytest.mark.parametrize(
+    ("scene", "preset", "want"),
+    [
+        ("Pressure", "zhao2024", zhao2024.BLOWN),
+        ("Pressure", "zhao2024-fall", zhao2024.FALLEN),
+        ("Hanging", "zhao2024", zhao2024.HANG_HEIGHT - zhao2024.HANG),
+    ],
+)
+def test_goals_lie_where_the_paper_scene_comes_to_rest(scene: str, preset: str, want: float) -> None:
+    world = rest(scene, preset, 150)
+    apex = world.state.positions[0, 2, 64, 64]
+    got = apex if scene == "Pressure" else world.task.middle(world.episode)[0, 2]
+    assert got == pytest.approx(want, abs=0.01)  # it still swings; the rewards' margins are 0.05 and 0.5 m
+
+
+def test_zhao2024_ball_is_inside_nothing_but_a_step() -> None:
+    """What comes in at most: the way of one step at the speed of the fall from 0.6 to 0.3 m."""
+    world = rest("BallDrop", "zhao2024", 30)
+    depth = 0.3 - np.linalg.norm(world.state.positions[0], axis=0).min()
+    speed, step = np.sqrt(2 * 9.8 * 0.3), zhao2024.BALL_NET.sim_dt
+    # Inside, what is left of an inward velocity after a step is what gravity adds in the next: g h / (1 - keep).
+    creep = 9.8 * step / (1 - zhao2024.BALL_NET.keep) * 0.6
+    assert 0 < depth < speed * step + creep
+    assert world.task.reward(world.episode)[0] > 0.9
+
+
+@cases
+def test_pictures_hold_the_whole_cloth(scene: str, preset: str) -> None:
+    """Every vertex lies in the field of view of the camera that the first frame chooses."""
+    world = World(scene, preset=preset)
+    world.reset({0: np.random.default_rng(0)})
+    aspect = 4 / 3
+    towards = framing.direction(world.scene, world.state)
+    corners = np.array(np.meshgrid(*framing.reach(world.scene, world.state).T)).reshape(3, -1).T
+    position, _, up = framing.fit(corners, towards, aspect)
+    axes = np.stack([np.cross(up, towards), up, towards])
+    half = np.tan(np.deg2rad(framing.VIEW_ANGLE / 2))
+    for _ in range(60):
+        world.step(np.zeros((1, len(world.task.actions))))
+        right, above, near = axes @ (world.state.positions[0].reshape(3, -1) - position[:, None])
+        assert (abs(right) < half * aspect * -near).all()
+        assert (abs(above) < half * -near).all()
+
+
+@pytest.mark.parametrize(("scene", "preset"), [("Curtain", "lee2019"), ("BallDrop", "zhao2024")])
+def test_a_picture_is_drawn(scene: str, preset: str) -> None:
+    pytest.importorskip("pyvista", reason="needs the extra 'render'")
+    with make(scene, preset, render_mode="rgb_array") as env:
+        env.reset(seed=0)
+        env.step(np.zeros(env.action_space.shape, np.float32))
+        assert env.render().std() > 5  # not a blank frame
+
+
+@cases
+def test_recordings_hold_the_whole_scene(scene: str, preset: str, tmp_path: Path) -> None:
+    with make(scene, preset) as env:
+        env.reset(seed=0)
+        with RolloutWriter(tmp_path / "run.h5", env) as writer:
+            writer.begin(seed=0)
+            writer.append(env.unwrapped.state)
+        with Rollout.open(tmp_path / "run.h5") as record:
+            assert record.scene == env.unwrapped.scene
+            assert record.scene.describe() == env.unwrapped.scene.describe()
+            assert record.material() == env.unwrapped.scene.material
+
+
+def test_every_preset_has_a_scene_and_the_command_takes_them(capsys: pytest.CaptureFixture[str]) -> None:
+    assert presets_of("Pressure") == ["zhao2024", "zhao2024-fall"]
+    assert cli.main(["rollout", "BallDrop", "--preset", "zhao2024", "--frames", "2", "--policy", "zero"]) == 0
+    assert cli.main(["rollout", "Flag", "--preset", '{"name": "lee2019", "mass": 3}', "--frames", "2"]) == 0
+    assert cli.main(["list"]) == 0
+    assert cli.main(["list", "--scene", "Curtain"]) == 0
+    text = capsys.readouterr().out
+    assert "zhao2024-fall" in text
+    assert 'preset="lee2019"' in text
+    assert cli.main(["rollout", "Flag", "--preset", "zhao2024"]) == 2
+    assert "'lee2019'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("scene", "preset", "options", "words"),
+    [
+        ("Pressure", "zaho2024", {}, ["'zhao2024'", "Did you mean"]),
+        ("Flag", "zhao2024", {}, ["Flag has 'lee2019'", "Pressure, Hanging, BallDrop"]),
+        ("Hanging", "zhao2024-fall", {}, ["Hanging has 'zhao2024'", "exists for Pressure"]),
+        ("Flagg", "lee2019", {}, ["'Flag'"]),
+        ("Flag", 3, {}, ["'lee2019'"]),
+        ("Flag", {"mass": 3.0}, {}, ["name"]),
+        ("Flag", {"name": "lee2019", "mas": 3.0}, {}, ["'mass'"]),
+        ("Curtain", {"name": "lee2019", "wind": 3.0}, {}, ["'mass'", "'spring'"]),
+        ("Flag", {"name": "lee2019", "mass": 0.0}, {}, ["positive mass"]),
+        ("Flag", {"name": "lee2019", "mass": "3"}, {}, ["finite number as mass"]),
+        ("Flag", {"name": "lee2019", "wind": 40.0}, {}, ["-12 to 12"]),
+        ("Pressure", {"name": "zhao2024", "mass": 3.0}, {}, ["no options"]),
+        ("Pressure", "zhao2024", {"material": "silk"}, ["fixes the material", "leave material= out"]),
+        ("Pressure", "zhao2024", {"randomize": {"drag": [0.1, 0.2]}}, ["fixes the randomize"]),
+        ("Pressure", "zhao2024", {"resolution": (65, 65)}, ["fixes the resolution"]),
+        ("Hanging", "zhao2024", {"backend_kwargs": {"solver": "admm"}}, ["net of particles", "'explicit'"]),
+        ("Hanging", "zhao2024", {"backend": "miniature"}, ["spacing"]),
+    ],
+)
+def test_bad_arguments_name_the_remedy(
+    scene: str, preset: object, options: dict[str, object], words: list[str]
+) -> None:
+    with pytest.raises(ValueError) as caught:  # noqa: PT011
+        World(scene, preset=preset, **options)  # type: ignore[arg-type]
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+def test_lee2019_leaves_material_and_resolution_open() -> None:
+    world = World("Flag", preset="lee2019", material={"drag": 1.0}, resolution=(17, 25))
+    assert world.scene.material.areal_density == 1.0
+    assert world.scene.material.drag == 1.0
+    assert world.scene.grid.shape == (17, 25)
+    assert load_preset("Flag", "lee2019").resolution == (33, 49)
