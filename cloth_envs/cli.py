@@ -13,7 +13,11 @@ from cloth_envs import __version__
 from cloth_envs.naming import unknown_name
 
 # name -> "module:main(argv)", imported on use; `training` may import cloth_envs, never the other way but here.
-BENCHMARKS = {"solvers": "training.bench.solvers:main", "throughput": "training.bench.throughput:main"}
+BENCHMARKS = {
+    "solvers": "training.bench.solvers:main",
+    "speed-accuracy": "training.bench.speed_accuracy:main",
+    "throughput": "training.bench.throughput:main",
+}
 
 
 def _list(given: argparse.Namespace) -> str:

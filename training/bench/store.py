@@ -43,12 +43,13 @@ class Store(Generic[Row]):
     def __contains__(self, key: tuple[Any, ...]) -> bool:
         return key in self._known
 
-    def add(self, row: Row) -> None:
-        """Append ``row``, in place of one with the same key."""
-        if self._of(row) in self._known:
-            self.rows = [old for old in self.rows if self._of(old) != self._of(row)]
-        self.rows.append(row)
-        self._known.add(self._of(row))
+    def add(self, *rows: Row) -> None:
+        """Append ``rows``, each in place of one with the same key."""
+        new = {self._of(row) for row in rows}
+        if new & self._known:
+            self.rows = [old for old in self.rows if self._of(old) not in new]
+        self.rows += rows
+        self._known |= new
         if self.path is not None:
             part = self.path.with_suffix(".part")
             write_rows(part, self.rows)

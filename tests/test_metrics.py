@@ -1,0 +1,211 @@
+"""Every metric on a case computed by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+from cloth_envs.recording import RolloutWriter
+from cloth_envs.scene import Collider, Scene
+from cloth_envs.state import State
+from training import metrics
+from training import metrics_contact as contact
+from training import metrics_detail as detail
+from training import metrics_errors as errors
+
+GRID = Grid(9, 13, 0.8, 1.2)  # spacing 0.1 m
+V, U = (0.1 * i for i in np.indices(GRID.shape))
+
+
+def sheet(x: object = U, y: object = V, z: object = 0.0) -> np.ndarray:
+    """Positions ``(1, 3, 9, 13)`` of any three fields."""
+    return np.stack([np.broadcast_to(c, GRID.shape) for c in (x, y, z)]).astype(float)[None]
+
+
+def rolled(radius: float) -> np.ndarray:
+    """The sheet on a cylinder about the rows' axis."""
+    return sheet(radius * np.sin(U / radius), V, radius * np.cos(U / radius))
+
+
+FLAT = sheet()
+
+
+def test_distances_of_a_shift_and_of_one_vertex() -> None:
+    moved = FLAT + np.array([0.0, 0.03, 0.04])[:, None, None]
+    assert errors.distances(moved, FLAT) == pytest.approx(0.05)  # 3, 4, 5
+    assert [float(e[0]) for e in errors.vertex_error(moved, FLAT, 1.2)] == pytest.approx([100 * 0.05 / 1.2] * 3)
+    one = FLAT.copy()
+    one[0, 2, 4, 4] += 0.117
+    found = errors.vertex_error(one, FLAT, 1.2)
+    # 117 vertices: the mean is 0.001 m, 95 % of them do not move at all.
+    assert [float(e[0]) for e in found] == pytest.approx([0.1 / 1.2, 0.0, 11.7 / 1.2])
+    assert errors.largest(moved, FLAT) == pytest.approx(0.04)
+    assert errors.vmse(moved, FLAT) == pytest.approx(0.0025)
+    with pytest.raises(ValueError, match="resample"):
+        errors.distances(FLAT, FLAT[..., :-1])
+
+
+def test_relative_l2_and_skill() -> None:
+    """A sheet twice as wide is as far from the sheet as that reaches from its centre, wherever the origin is."""
+    centred = FLAT - FLAT.mean((2, 3), keepdims=True)
+    assert errors.relative_l2(2 * centred + 5, centred + 5) == pytest.approx(1)
+    assert errors.relative_l2(FLAT + 100, FLAT + 100) == 0
+    assert errors.skill(0.25, 1.0) == 0.75
+    assert errors.skill(2.0, 1.0) == -1
+
+
+def test_psnr_of_a_tenth_of_the_range_is_20_db() -> None:
+    assert errors.psnr(FLAT + 0.05, FLAT, 0.5) == pytest.approx(20)
+    # Only the first of three axes is wrong: a third of the mean square.
+    one = FLAT + np.array([0.1, 0, 0])[:, None, None]
+    assert errors.psnr(one, FLAT, np.array([1.0, 2, 3])) == pytest.approx(20 + 10 * np.log10(3))
+    assert np.isinf(errors.psnr(FLAT, FLAT, 1.0)).all()
+    moving = np.concatenate([FLAT, FLAT + np.array([0.2, -0.1, 0.7])[:, None, None]])
+    assert errors.displacement_span(moving, FLAT[0]) == pytest.approx([0.2, 0.1, 0.7])
+    with pytest.raises(ValueError, match="positive"):
+        errors.psnr(FLAT, FLAT, 0.0)
+
+
+def test_flicker_is_the_error_of_the_acceleration() -> None:
+    """A vertical error 0, 0, d, 0 has second differences d and -2 d; steady drift has none."""
+    dt, d = 0.02, 1e-3
+    truth = np.concatenate([FLAT] * 4)
+    jump = truth.copy()
+    jump[2, 2] += d
+    assert errors.flicker(jump, truth, dt) == pytest.approx([d / dt**2, 2 * d / dt**2])
+    drift = truth + 0.01 * np.arange(4)[:, None, None, None]
+    assert errors.flicker(drift, truth, dt) == pytest.approx([0, 0], abs=1e-9)
+    with pytest.raises(ValueError, match="three frames"):
+        errors.flicker(truth[:2], truth[:2], dt)
+
+
+def test_normals_and_their_angle() -> None:
+    tilt = np.radians(30)
+    tilted = sheet(U * np.cos(tilt), V, U * np.sin(tilt))
+    assert detail.normal_angle(GRID, tilted, FLAT) == pytest.approx(30)
+    assert detail.normal_angle(GRID, FLAT[:, :, ::-1], FLAT) == pytest.approx(180)  # turned over
+    # Turned as the triangles: rows down the page are y here, so the first triangle's normal points along -z.
+    x = FLAT[0].reshape(3, -1).T[GRID.triangles[0]]
+    n = np.cross(x[1] - x[0], x[2] - x[0])
+    assert detail.normals(GRID, FLAT)[0, :, 4, 4] == pytest.approx(n / np.linalg.norm(n))
+    tube = replace(GRID, periodic=True)
+    angle = 2 * np.pi * np.indices(GRID.shape)[1] / GRID.cols
+    outward = detail.normals(tube, sheet(np.cos(angle), np.sin(angle), -V))[0, :2]
+    np.testing.assert_allclose(np.abs(outward[0] * np.cos(angle) + outward[1] * np.sin(angle)), 1)
+
+
+def test_mean_curvature_of_cylinders() -> None:
+    """1/(2 R); chords of angle a = spacing/R have 2 R (1 - cos a) / spacing^2 instead of 1/R."""
+
+    def exact(radius: float) -> float:
+        return radius * (1 - np.cos(0.1 / radius)) / 0.01
+
+    for radius in (0.4, 0.8):
+        assert np.abs(detail.mean_curvature(GRID, rolled(radius))) == pytest.approx(exact(radius))
+        assert exact(radius) == pytest.approx(1 / (2 * radius), rel=(0.1 / radius) ** 2 / 12)
+    both = detail.curvature_distance(GRID, rolled(0.4), rolled(0.8))
+    assert both == pytest.approx(exact(0.4) - exact(0.8))
+    # A histogram: where the bumps are does not matter.
+    bumpy = sheet(z=0.02 * np.sin(np.pi * U / 0.3))
+    assert detail.curvature_distance(GRID, bumpy[..., ::-1], bumpy) == pytest.approx(0, abs=1e-12)
+
+
+def test_bending_ratio_goes_with_the_square() -> None:
+    """Energy is quadratic in the second differences, which are as the amplitude."""
+    a, b = (sheet(z=size * np.sin(np.pi * U / 0.6)) for size in (0.03, 0.01))
+    assert detail.bending_ratio(GRID, a, b) == pytest.approx(9)
+    assert np.isnan(detail.bending_ratio(GRID, a, sheet(0.0, 0.0, 0.0))).all()
+
+
+def test_spectrum_above_the_coarse_nyquist() -> None:
+    """12 x 8 cells: factor 2 keeps 6 half waves along the width. A cosine's mean square is its amplitude^2 / 2.
+
+    Even waves: odd ones tilt the best plane.
+    """
+
+    def wave(k: int, size: float) -> np.ndarray:
+        return size * np.cos(np.pi * k * (np.indices(GRID.shape)[1] + 0.5) / GRID.cols)
+
+    kept, lost = sheet(z=wave(6, 0.02)), sheet(z=wave(6, 0.02) + wave(8, 0.01))
+    assert detail.fine_detail(GRID, kept, 2) == pytest.approx(0, abs=1e-12)
+    assert detail.fine_detail(GRID, lost, 2) == pytest.approx(0.01 / np.sqrt(2))
+    assert detail.fine_detail(GRID, lost, 1.5) == pytest.approx(0, abs=1e-12)
+    half = sheet(z=wave(6, 0.02) + wave(8, 0.005))
+    assert detail.detail_ratio(GRID, half, lost, 2) == pytest.approx(0.5)
+    assert np.isnan(detail.detail_ratio(GRID, half, 0 * FLAT, 2)).all()
+    with pytest.raises(ValueError, match="tube"):
+        detail.fine_detail(replace(GRID, periodic=True), FLAT, 2)
+
+
+BALL = Scene("Ball", GRID, Material(), 0.02, colliders=(Collider("sphere", 0.25),))
+
+
+def ball(x: float, positions: np.ndarray = FLAT) -> State:
+    return State.still(positions.copy(), np.full((1, 1, 2, 3), [x, 0.4, 0.0]))
+
+
+def test_vertices_inside_a_ball() -> None:
+    """Around a vertex at 0.1 m: 1 at depth .25, 4 at .15, 4 at .25 - .1 sqrt 2, 4 at .05, 8 at .25 - .1 sqrt 5."""
+    found = contact.inside(BALL, ball(0.6))
+    assert found.count == 21
+    assert found.max == pytest.approx(0.25)
+    depth = 0.25 + 4 * 0.15 + 4 * (0.25 - 0.1 * 2**0.5) + 4 * 0.05 + 8 * (0.25 - 0.1 * 5**0.5)
+    assert found.mean == pytest.approx(depth / 21)
+
+
+def test_tunnelling_is_counted_and_grazing_is_not() -> None:
+    """A ball that jumps from above to below the sheet passes all vertices within half its radius."""
+    above, below = ball(0.6), ball(0.6)
+    above.colliders[..., 2], below.colliders[..., 2] = 0.4, -0.4
+    assert contact.tunnelled(BALL, [above, below]) == 5  # the vertex at its middle and four 0.1 m away; 0.141 is out
+    assert contact.tunnelled(BALL, [below, above, below]) == 10
+    beside, far = ball(0.6), ball(0.6)
+    beside.colliders[..., 2], far.colliders[..., 2] = 0.4, 0.3  # never reaches the sheet
+    assert contact.tunnelled(BALL, [beside, far]) == 0
+    floor = replace(BALL, colliders=(Collider("plane"),))
+    up = np.array([[[[0, 0, 0], [0, 0, 1.0]]]])
+    high, low = (State.still(FLAT + np.array([0, 0, z])[:, None, None], up) for z in (0.01, -0.01))
+    assert contact.tunnelled(floor, [high, low]) == GRID.vertices
+    assert contact.tunnelled(floor, [low, high]) == 0
+
+
+def test_crossing_triangles() -> None:
+    pytest.importorskip("ipctk")
+    poked = rolled(1.3 / (2 * np.pi))  # nearly closed
+    middle = poked[0].reshape(3, -1)[:, GRID.triangles[100]].mean(1)
+    poked[0, :, 0, -1] = middle * [1.01, 1, 1.01]  # a corner of one triangle, across the tube and out through another
+    assert contact.crossing_triangles(GRID, np.concatenate([FLAT, rolled(0.3), poked])).tolist() == [0, 0, 1]
+
+
+def test_files_and_states_give_the_same(tmp_path: Path) -> None:
+    scene = replace(BALL, colliders=())
+    rng = np.random.default_rng(0)
+    runs = {}
+    for name in ("run", "truth"):
+        runs[name] = [State.still((FLAT + 0.01 * rng.normal(size=FLAT.shape)).astype(np.float32)) for _ in range(4)]
+        with RolloutWriter(tmp_path / f"{name}.h5", scene) as writer:
+            writer.begin()
+            for state in runs[name]:
+                writer.append(state)
+    found = metrics.compare_files(tmp_path / "run.h5", tmp_path / "truth.h5")
+    y = np.concatenate([s.positions for s in runs["truth"]])
+    span = errors.displacement_span(y, y[0])
+    one = metrics.at_frame(scene, runs["run"][2], runs["truth"][2], span=span)
+    for name, value in one.items():
+        assert found[name][2] == pytest.approx(value[0])
+    whole = metrics.over_frames(scene, runs["run"], runs["truth"])
+    assert found["flicker"] == pytest.approx(whole["flicker"][0])
+    assert found["tunnelled"] == 0
+    same = metrics.compare_files(tmp_path / "run.h5", tmp_path / "run.h5")
+    assert (same["error_max"] == 0).all()
+    assert same["bending_ratio"] == pytest.approx(1)
+    with RolloutWriter(tmp_path / "short.h5", scene) as writer:
+        writer.begin()
+        writer.append(runs["run"][0])
+    with pytest.raises(ValueError, match="one grid and length"):
+        metrics.compare_files(tmp_path / "short.h5", tmp_path / "truth.h5")
