@@ -81,6 +81,7 @@ class Collision(Task):
         self.per_point = len(self.shaped) ** -0.5
         rows_apart = np.maximum(np.diff(rows, axis=0), 1)  # a coarse grid has less rows than the lattice
         self.apart = rows_apart.ravel() * scene.grid.row_spacing
+        self.free_strain = FREE_STRAIN
         self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
 
     @classmethod
@@ -133,5 +134,5 @@ class Collision(Task):
     def reward(self, episode: Episode) -> np.ndarray:
         error = episode.cloth[:, 1].take(self.shaped, 1) - episode.memory["shape"]
         stretch = largest_stretch(episode.state.positions, self.above, self.shaped, self.apart)
-        over = np.maximum(stretch - 1.0 - FREE_STRAIN, 0.0)
+        over = np.maximum(stretch - 1.0 - self.free_strain, 0.0)
         return tolerance(norm(error) * self.per_point, SHAPE_MARGIN) * tolerance(over, STRAIN_MARGIN)

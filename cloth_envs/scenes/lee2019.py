@@ -19,7 +19,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene, Wind
-from cloth_envs.scenes.collision import GOAL_HIGH, GOAL_LOW, Collision
+from cloth_envs.scenes.collision import FREE_STRAIN, GOAL_HIGH, GOAL_LOW, Collision
 from cloth_envs.scenes.curtain import ACCELERATION, APART, SPEED, TARGET, Curtain
 from cloth_envs.scenes.flag import ASIDE, Flag
 from cloth_envs.scenes.task import Drive, Episode, Start, Task
@@ -156,6 +156,9 @@ class Collision2019(Lee2019, Collision):
     As in `Collision`, but it moves the ball away from that path, by at most 0.3 m along each axis. With zero actions
     the ball keeps to it.
 
+    ## Rewards
+    As in `Collision`; the strain of the upper edge under the cloth's own weight costs nothing either.
+
     ## Starting State
     Flat, upright and at rest, the ball 0.5 m in front of it. The goal is random.
 
@@ -170,6 +173,9 @@ class Collision2019(Lee2019, Collision):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
+        sheet = scene.material
+        weight = scene.gravity * sheet.areal_density * scene.grid.height  # N/m, what the upper edge carries
+        self.free_strain = FREE_STRAIN + weight / (sheet.stretch_stiffness + sheet.shear_stiffness)
         self.drive = Drive([-0.3] * 3, [0.3] * 3, speed=1.2, acceleration=12.0, dt=self.frame_dt)
 
     @classmethod
