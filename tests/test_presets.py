@@ -136,6 +136,19 @@ def test_lee2019_ball_keeps_to_its_path_and_flag_wind_turns_round() -> None:
     assert world.task.middle(world.episode)[0, 0] < 0  # the fly is downwind of the pole
 
 
+@cases
+def test_bang_bang_actions_break_nothing(scene: str, preset: str) -> None:
+    world, rng = World(scene, preset=preset), np.random.default_rng(3)
+    world.reset({0: rng})
+    for frame in range(40):
+        if frame % 4 == 0:
+            action = rng.choice([-1.0, 1.0], (1, len(world.task.actions)))
+        reward, reasons = world.step(action)
+        assert reasons == [None], f"frame {frame}"
+        assert 0 <= reward[0] <= 1
+        assert np.isfinite(world.observe()).all()
+
+
 @pytest.mark.parametrize("option", [{}, {"mass": 4.5}, {"spring": 40.0}])
 @pytest.mark.parametrize("scene", PRESETS["lee2019"])
 def test_lee2019_variants_live_through_an_episode(scene: str, option: dict[str, float]) -> None:

@@ -173,9 +173,9 @@ class Collision2019(Lee2019, Collision):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        sheet = scene.material
-        weight = scene.gravity * sheet.areal_density * scene.grid.height  # N/m, what the upper edge carries
-        self.free_strain = FREE_STRAIN + weight / (sheet.stretch_stiffness + sheet.shear_stiffness)
+        material = scene.material
+        weight = scene.gravity * material.areal_density * scene.grid.height  # N/m, what the upper edge carries
+        self.free_strain = FREE_STRAIN + weight / (material.stretch_stiffness + material.shear_stiffness)
         self.drive = Drive([-0.3] * 3, [0.3] * 3, speed=1.2, acceleration=12.0, dt=self.frame_dt)
 
     @classmethod
