@@ -1,11 +1,10 @@
-#include "admm.hpp"
-
+// Frames of P-ADMM.
 #include <algorithm>
 #include <atomic>
 #include <cmath>
 #include <utility>
 
-#include "admm_contact.hpp"
+#include "admm_work.hpp"
 #include "frames.hpp"
 
 namespace minicloth {
@@ -13,32 +12,6 @@ namespace minicloth {
 namespace {
 std::atomic<long> solvers{0};
 }
-
-template <class T>
-Fold<T>::Fold(int n_, const double* basis) : n(n_), even((n_ + 1) / 2), odd(n_ / 2), all(std::size_t(n_) * n_) {
-  std::copy_n(basis, all.size(), all.begin());
-  const auto half = [&](int count, int first, Plane<T>& to, Plane<T>& from) {
-    const int line = padded(count);
-    to.assign(std::size_t(count) * line, T(0)), from = to;
-    for (int i = 0; i < count; ++i)
-      for (int k = 0; k < count; ++k) to[i * line + k] = from[k * line + i] = all[i * n + first + k];
-  };
-  half(even, 0, to_even, from_even), half(odd, even, to_odd, from_odd);
-}
-
-template <class T>
-struct AdmmWork {
-  long owner = -1;
-  Plane<T> memory;
-  Planes<T> now;  // at the step's start
-  T *x[3], *goal[3], *residual[3], *rest[4], *tail[9];
-  EdgePlanes<T> u;
-  Cells<T> air;
-  // Transforms: half rows (3 H, W); modes and half columns (H, width); places along a row (H, padded halves).
-  Plane<T> folded, first, second, third, places;
-  Plane<T> held_lines, held, pull;  // (held rows, width), (3, padded p) twice
-  Patch<T> contact;
-};
 
 template <class T>
 Admm<T>::Admm(Geometry<T> geometry, World world, int substeps, int iterations, double weight, const double* row_basis,
@@ -71,16 +44,6 @@ Admm<T>::Admm(Geometry<T> geometry, World world, int substeps, int iterations, d
 }
 
 template <class T>
-System<T> Admm<T>::system(const double* eigenvalues, const double* capacitance) const {
-  const int p = int(world_.handles.size()), line = padded(p);
-  System<T> out{Plane<T>(std::size_t(rows_.n) * line_, T(0)), Plane<T>(std::size_t(p) * line, T(0))};
-  for (int k = 0; k < rows_.n; ++k)
-    for (int l = 0; l < cols_.n; ++l) out.inverse[k * line_ + l] = T(1 / eigenvalues[k * cols_.n + l]);
-  for (int i = 0; i < p; ++i) std::copy_n(capacitance + i * p, p, out.capacitance.begin() + i * line);
-  return out;
-}
-
-template <class T>
 AdmmWork<T>& Admm<T>::scratch() const {
   thread_local AdmmWork<T> work;
   if (work.owner == id_) return work;
@@ -101,191 +64,6 @@ AdmmWork<T>& Admm<T>::scratch() const {
   work.held_lines.assign(held * width_, T(0));
   for (auto* plane : {&work.held, &work.pull}) plane->assign(3 * padded(int(world_.handles.size())), T(0));
   return work;
-}
-
-// Takes from the modes in `second` what moves the held vertices: second -= A^-1 S C^-1 S^T second.
-template <class T>
-void Admm<T>::hold(const System<T>& system, AdmmWork<T>& w) const {
-  const auto multiply = best_admm_lanes<T>().multiply;
-  const int rows = rows_.n, cols = cols_.n, p = int(world_.handles.size()), line = padded(p);
-  const int distinct = int(held_rows_.size());
-  multiply(distinct, rows, width_, held_basis_.data(), rows, 1, w.second.data(), width_, w.held_lines.data(), width_);
-  for (int i = 0; i < p; ++i)
-    for (int k = 0; k < 3; ++k) {
-      const T* at = w.held_lines.data() + held_row_of_[i] * width_ + k * line_;
-      const T* basis = cols_.all.data() + world_.handles[i] % cols * cols;
-      T sum = 0;
-      for (int l = 0; l < cols; ++l) sum += at[l] * basis[l];
-      w.held[k * line + i] = sum;
-    }
-  multiply(3, p, line, w.held.data(), line, 1, system.capacitance.data(), line, w.pull.data(), line);
-  std::fill(w.held_lines.begin(), w.held_lines.end(), T(0));
-  for (int i = 0; i < p; ++i)
-    for (int k = 0; k < 3; ++k) {
-      T* at = w.held_lines.data() + held_row_of_[i] * width_ + k * line_;
-      const T* basis = cols_.all.data() + world_.handles[i] % cols * cols;
-      const T pull = w.pull[k * line + i];
-      for (int l = 0; l < cols; ++l) at[l] += pull * basis[l];
-    }
-  multiply(rows, distinct, width_, held_basis_.data(), 1, rows, w.held_lines.data(), width_, w.first.data(), width_);
-  for (int r = 0; r < rows; ++r)
-    for (int k = 0; k < 3; ++k) {
-      T *to = w.second.data() + r * width_ + k * line_, *from = w.first.data() + r * width_ + k * line_;
-      const T* inverse = system.inverse.data() + r * line_;
-      for (int l = 0; l < cols; ++l) to[l] -= from[l] * inverse[l];
-    }
-}
-
-template <class T>
-void Admm<T>::correct(const System<T>& system, AdmmWork<T>& w) const {
-  const Geometry<T>& g = geometry_;
-  const auto multiply = best_admm_lanes<T>().multiply;
-  const int rows = rows_.n, cols = cols_.n, re = rows_.even, ro = rows_.odd, ce = cols_.even, co = cols_.odd;
-  for (int v : world_.handles)
-    for (T* plane : w.residual) plane[g.at(v / cols, v % cols)] = 0;
-  // Columns to modes: sums and differences about the middle, then half the products.
-  for (int r = 0; r < rows; ++r)
-    for (int k = 0; k < 3; ++k) {
-      const T* from = w.residual[k] + g.at(r, 0);
-      T* to = w.folded.data() + (3 * r + k) * cols;
-      for (int c = 0; c < co; ++c) to[c] = from[c] + from[cols - 1 - c], to[ce + c] = from[c] - from[cols - 1 - c];
-      if (ce > co) to[co] = from[co];
-    }
-  for (int k = 0; k < 3; ++k) {
-    const T* from = w.folded.data() + k * cols;
-    T* to = w.first.data() + k * line_;
-    multiply(rows, ce, padded(ce), from, 3 * cols, 1, cols_.to_even.data(), padded(ce), to, width_);
-    multiply(rows, co, padded(co), from + ce, 3 * cols, 1, cols_.to_odd.data(), padded(co), to + ce, width_);
-  }
-  // Rows to modes.
-  const auto row = [&](Plane<T>& plane, int r) { return plane.data() + r * width_; };
-  for (int r = 0; r < ro; ++r) {
-    const T *up = row(w.first, r), *low = row(w.first, rows - 1 - r);
-    T *sum = row(w.third, r), *difference = row(w.third, re + r);
-    for (int i = 0; i < width_; ++i) sum[i] = up[i] + low[i], difference[i] = up[i] - low[i];
-  }
-  if (re > ro) std::copy_n(row(w.first, ro), width_, row(w.third, ro));
-  multiply(re, re, width_, rows_.to_even.data(), 1, padded(re), row(w.third, 0), width_, row(w.second, 0), width_);
-  multiply(ro, ro, width_, rows_.to_odd.data(), 1, padded(ro), row(w.third, re), width_, row(w.second, re), width_);
-  for (int r = 0; r < rows; ++r)
-    for (int k = 0; k < 3; ++k) {
-      T* at = row(w.second, r) + k * line_;
-      const T* inverse = system.inverse.data() + r * line_;
-      for (int l = 0; l < line_; ++l) at[l] *= inverse[l];
-    }
-  if (!world_.handles.empty()) hold(system, w);
-  // And back.
-  multiply(re, re, width_, rows_.to_even.data(), padded(re), 1, row(w.second, 0), width_, row(w.third, 0), width_);
-  multiply(ro, ro, width_, rows_.to_odd.data(), padded(ro), 1, row(w.second, re), width_, row(w.third, re), width_);
-  for (int r = 0; r < ro; ++r) {
-    const T *even = row(w.third, r), *odd = row(w.third, re + r);
-    T *up = row(w.first, r), *low = row(w.first, rows - 1 - r);
-    for (int i = 0; i < width_; ++i) up[i] = even[i] + odd[i], low[i] = even[i] - odd[i];
-  }
-  if (re > ro) std::copy_n(row(w.third, ro), width_, row(w.first, ro));
-  const int half = padded(ce);
-  for (int k = 0; k < 3; ++k) {
-    const T* from = w.first.data() + k * line_;
-    T* to = w.places.data();
-    multiply(rows, ce, padded(ce), from, width_, 1, cols_.from_even.data(), padded(ce), to, 2 * half);
-    multiply(rows, co, padded(co), from + ce, width_, 1, cols_.from_odd.data(), padded(co), to + half, 2 * half);
-    for (int r = 0; r < rows; ++r) {
-      const T *even = to + r * 2 * half, *odd = even + half;
-      T* x = w.x[k] + g.at(r, 0);
-      for (int c = 0; c < co; ++c) x[c] += even[c] + odd[c], x[cols - 1 - c] += even[c] - odd[c];
-      if (ce > co) x[co] += even[co];
-    }
-  }
-}
-
-template <class T>
-void Admm<T>::solve(const System<T>& system, const T* right, T* x) const {
-  AdmmWork<T>& w = scratch();
-  const int n = rows_.n * cols_.n, cols = cols_.n;
-  for (int k = 0; k < 3; ++k)
-    for (int r = 0; r < rows_.n; ++r) {
-      std::copy_n(right + k * n + r * cols, cols, w.residual[k] + geometry_.at(r, 0));
-      std::fill_n(w.x[k] + geometry_.at(r, 0), cols, T(0));
-    }
-  correct(system, w);
-  for (int v : world_.handles)
-    for (T* plane : w.x) plane[geometry_.at(v / cols, v % cols)] = 0;
-  for (int k = 0; k < 3; ++k)
-    for (int r = 0; r < rows_.n; ++r) std::copy_n(w.x[k] + geometry_.at(r, 0), cols, x + k * n + r * cols);
-}
-
-template <class T>
-void Admm<T>::push(const std::vector<BodyStep<T>>& bodies, const LocalTerms<T>& terms, AdmmWork<T>& w) const {
-  const Geometry<T>& g = geometry_;
-  Patch<T>& c = w.contact;
-  using Kind = typename Patch<T>::Kind;
-  c.active.clear();
-  for (int i : free_) {
-    const Vec<T> x0 = pick(w.now.x, i), x1 = pick(w.x, i);
-    Touch<T> most = {false, {}, 0, {}};
-    for (const auto& body : bodies) {
-      const Touch<T> t = touch(body, x0, x1);
-      if (t.near && (!most.near || t.gap < most.gap)) most = t, c.friction[i] = body.friction;
-    }
-    if (!most.near || (most.gap >= 0 && c.kind[i] == Patch<T>::kFree)) {
-      c.kind[i] = Patch<T>::kFree;
-      continue;
-    }
-    if (c.kind[i] == Patch<T>::kFree) c.kind[i] = Patch<T>::kStick;
-    c.normal[i] = most.normal, c.slip[i] = most.slip;
-    c.error[i] = most.gap * most.normal;
-    if (c.kind[i] == Patch<T>::kStick) c.error[i] = c.error[i] + most.slip;
-    c.active.push_back(i);
-  }
-  const int s = g.stride;
-  const auto wrapped = [&](int i, int step) {  // the place of a neighbour's values
-    if (!g.periodic) return i + step;
-    const int col = (i - g.origin) % s, right = step == 1 || step == s + 1 || step == 1 - s;
-    const bool sideways = step != s && step != -s;
-    return i + step + (sideways && right && col == g.cols - 1 ? -g.cols : 0) +
-           (sideways && !right && col == 0 ? g.cols : 0);
-  };
-  std::vector<std::pair<Vec<T>, Kind>> next(c.active.size());
-  for (std::size_t a = 0; a < c.active.size(); ++a) {
-    const int i = c.active[a];
-    const T inertia = terms.inertia * area_[i];
-    Vec<T> force = T(-1) * pick(w.residual, i) - inertia * c.error[i];
-    const auto edge = [&](int step, T k) {
-      const int j = wrapped(i, step);
-      if (k > 0 && c.kind[j] != Patch<T>::kFree) force = force - k * (c.error[i] - c.error[j]);
-    };
-    edge(1, terms.stretch * g.along[i]), edge(-1, terms.stretch * g.along[i - 1]);
-    edge(s, terms.stretch * g.down[i]), edge(-s, terms.stretch * g.down[i - s]);
-    edge(s + 1, terms.shear * g.right[i]), edge(-s - 1, terms.shear * g.right[i - s - 1]);
-    edge(s - 1, terms.shear * g.left[i]), edge(1 - s, terms.shear * g.left[i - s + 1]);
-    if (c.kind[i] == Patch<T>::kSlide) force = force - inertia * c.slip[i];
-    const T pressing = dot(force, c.normal[i]), most = c.friction[i] * pressing;
-    const Vec<T> along = force - pressing * c.normal[i];
-    const T size = std::sqrt(dot(along, along));
-    if (pressing <= 0)
-      next[a] = {{0, 0, 0}, Patch<T>::kFree};
-    else if (size <= most)
-      next[a] = {force, Patch<T>::kStick};
-    else
-      next[a] = {pressing * c.normal[i] + (most / size) * along, Patch<T>::kSlide};
-  }
-  for (std::size_t a = 0; a < c.active.size(); ++a) {
-    const int i = c.active[a];
-    place(w.residual, i, pick(w.residual, i) + next[a].first);
-    c.kind[i] = next[a].second;
-  }
-}
-
-template <class T>
-void Admm<T>::project(const std::vector<BodyStep<T>>& bodies, AdmmWork<T>& w) const {
-  for (const auto& body : bodies)
-    for (int i : free_) {
-      const Vec<T> x = pick(w.x, i);
-      const Touch<T> t = touch(body, pick(w.now.x, i), x);
-      if (!t.near || t.gap >= 0) continue;
-      const T size = std::sqrt(dot(t.slip, t.slip)), most = -body.friction * t.gap;
-      place(w.x, i, x - t.gap * t.normal - (size > most ? most / size : T(1)) * t.slip);
-    }
 }
 
 template <class T>
@@ -363,7 +141,7 @@ void Admm<T>::advance(const Frame<T>& f, const System<T>& system) const {
     }
     for (auto& edge : w.u.p)
       for (T* plane : edge) std::fill_n(plane, g.size, T(0));
-    w.contact.begin(steps.empty() ? 0 : g.size);
+    approach(steps, w);
     for (int k = 0; k < iterations_; ++k) {
       drive(w.x, false);
       if (g.periodic) wrap(w.x);
@@ -392,8 +170,6 @@ void Admm<T>::advance(const std::vector<Frame<T>>& frames, const Systems& system
   for_each_member(frames.size(), threads, [&](std::size_t i) { advance(frames[i], *systems[i]); });
 }
 
-template struct Fold<float>;
-template struct Fold<double>;
 template class Admm<float>;
 template class Admm<double>;
 

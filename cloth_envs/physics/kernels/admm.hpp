@@ -88,7 +88,8 @@ class Admm {
   // x += A^-1 residual, 0 at held vertices.
   void correct(const System<T>& system, AdmmWork<T>& work) const;
   void hold(const System<T>& system, AdmmWork<T>& work) const;
-  // Contact: forces added to the residual, and at last the exact projection out of the bodies.
+  // Contact: which vertices may touch in this step; forces added to the residual; at last out of the bodies.
+  void approach(const std::vector<BodyStep<T>>& bodies, AdmmWork<T>& work) const;
   void push(const std::vector<BodyStep<T>>& bodies, const LocalTerms<T>& terms, AdmmWork<T>& work) const;
   void project(const std::vector<BodyStep<T>>& bodies, AdmmWork<T>& work) const;
 
