@@ -16,7 +16,7 @@ from cloth_envs.physics.budget import slow_motion
 from cloth_envs.physics.reference import hermite
 from cloth_envs.registry import SCENES
 from cloth_envs.scene import Scene
-from training.bench import chaos, convergence, cost, sweep, verdict
+from training.bench import chaos, convergence, cost, summary, sweep, verdict
 from training.bench.configurations import Config, choose, label
 from training.bench.solvers import main
 from training.bench.store import Store, read_rows
@@ -97,7 +97,7 @@ def test_a_weak_gravity_is_slow_motion_and_a_shift_is_an_error(flag: Truth) -> N
     assert not slow_motion(flag.scene, frames, true).passed[0]
     assert slow_motion(flag.scene, true, true).passed[0]
     runs = [cost.window(flag, 0, 13, EXPLICIT, EXPLICIT.build(scene), Case("Flag")) for scene in (flag.scene, weak)]
-    good, bad = (cost.summaries([run])[0] for run in runs)
+    good, bad = (summary.summaries([run])[0] for run in runs)
     assert abs(good.slow) < cost.TOLERANCE < bad.slow
     assert bad.error_1_percent > 10 * good.error_1_percent
     shifted = flag.states[13].copy()

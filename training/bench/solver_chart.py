@@ -5,18 +5,20 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cloth_envs.commands.chart import COLORS, GRID, INK, MARKERS, import_figure, limits
 from training.bench.configurations import COST
-from training.bench.cost import TOLERANCE, Summary
+from training.bench.cost import TOLERANCE
+from training.bench.summary import Summary
 
 COLUMNS, WIDTH, PANEL = 3, 7.2, 2.6  # inches: the width of a page
 
 
 def families(rows: Sequence[Summary]) -> dict[str, list[Summary]]:
-    """Rows that one curve joins: a solver and its scheme, in the order of their time."""
+    """Rows of a solver and its scheme, in the order of their time; a curve joins those that no faster one beats."""
     out: dict[str, list[Summary]] = {}
     for row in sorted(rows, key=lambda r: r.ms_median):
         scheme = json.loads(row.options).get("scheme")
@@ -34,6 +36,8 @@ def draw(
         frames: 1, 5 or 10; which error is drawn.
     """
     figure_class = import_figure()
+    from matplotlib.lines import Line2D
+
     scenes = list(dict.fromkeys(r.scene for r in rows))
     high = -(-len(scenes) // COLUMNS)
     figure = figure_class(figsize=(WIDTH, PANEL * high + 0.5), layout="constrained")
@@ -50,7 +54,11 @@ def draw(
             shown = [r for r in family if np.isfinite(_error(r, frames))]
             x, y = [r.ms_median for r in shown], [_error(r, frames) for r in shown]
             errors += y
-            (handles[name],) = axes.plot(x, y, color=color, marker=marker, ms=5, lw=1.2, mec="white", mew=0.6, zorder=3)
+            style: dict[str, Any] = {"color": color, "marker": marker, "ms": 5, "mec": "white", "mew": 0.6}
+            axes.plot(x, y, ls="", zorder=3, **style)
+            on = [i for i in range(len(y)) if y[i] == min(y[: i + 1])]
+            axes.plot([x[i] for i in on], [y[i] for i in on], color=color, lw=1.2, zorder=2)
+            handles[name] = Line2D([], [], lw=1.2, **style)
             late = [r for r in shown if abs(r.slow) > TOLERANCE]
             axes.plot(
                 [r.ms_median for r in late], [_error(r, frames) for r in late],
@@ -60,11 +68,16 @@ def draw(
         axes.set_ylim(limits(min(low, *errors), max(errors)))
         axes.set_xlim(limits(min(r.ms_median for r in mine), max(r.ms_median for r in mine)))
         if scene in floors:
-            axes.axhspan(axes.get_ylim()[0], low, color="#9aa5ae", alpha=0.35, lw=0, zorder=1)
+            bottom = axes.get_ylim()[0]
+            axes.axhspan(bottom, low, color="#9aa5ae", alpha=0.35, lw=0, zorder=1)
+            place = (0.98, (bottom * low) ** 0.5)
+            axes.text(
+                *place, "chaos", transform=axes.get_yaxis_transform(), ha="right", va="center", fontsize=7, color=INK
+            )
         axes.set_title(scene, loc="left", fontsize=9.5, fontweight="bold", color=INK)
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_formatter(lambda value, _: f"{value:g}")
-            axis.set_minor_formatter(lambda value, _: "")
+            axis.set_minor_formatter(few if np.ptp(np.log10(axis.get_view_interval())) < 2 else "")
         axes.grid(True, which="major", color=GRID, lw=0.7)
         axes.set_axisbelow(True)
         axes.spines[["top", "right"]].set_visible(False)
@@ -80,6 +93,11 @@ def draw(
     figure.text(0.0, -0.01, note, fontsize=7, color=INK, va="top", ha="left")
     for path in paths:
         figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.1, facecolor="white")
+
+
+def few(value: float, _: int) -> str:
+    """A label for 3 between the decades."""
+    return f"{value:g}" if round(value / 10 ** np.floor(np.log10(value) + 1e-9)) == 3 else ""
 
 
 def _error(row: Summary, frames: int) -> float:

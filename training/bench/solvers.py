@@ -18,7 +18,7 @@ from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
 from cloth_envs.physics.solver import SOLVERS
 from cloth_envs.registry import SCENES
-from training.bench import chaos, convergence, cost, solver_chart, sweep
+from training.bench import chaos, convergence, cost, solver_chart, summary, sweep
 from training.bench.configurations import CONVERGENCE, COST, SWEEP, choose
 from training.bench.store import Store
 from training.bench.throughput import write_rows
@@ -83,17 +83,18 @@ def main(argv: list[str] | None = None) -> int:
         print(convergence.table(points.rows))
     if "cost" in parts:
         runs = Store(path("solvers_runs.csv"), cost.Run, cost.KEY, fresh=given.fresh)
-        starts = (0.0, 1.0) if quick else cost.STARTS
-        cost.run(runs, cases(1 if quick else 3), choose(COST, solvers, 2 if quick else 1), cache, starts)
-        summaries = cost.summaries(runs.rows)
+        starts = cost.STARTS[::2] if quick else cost.STARTS
+        limit = 1.0 if quick else cost.LIMIT
+        cost.run(runs, cases(1 if quick else 3), choose(COST, solvers, 2 if quick else 1), cache, starts, limit)
+        summaries = summary.summaries(runs.rows)
         print("\nAccuracy per cost, one thread")
-        print(cost.table(summaries))
+        print(summary.table(summaries))
         if out:
             write_rows(out / "solvers.csv", summaries)
             draw(summaries, floor_rows, out, str(about["processor"]), quick)
     if "sweep" in parts:
         grid = Store(path("solvers_sweep.csv"), sweep.Cell, sweep.KEY, fresh=given.fresh)
-        sweep.run(grid, cases(1), choose(SWEEP, solvers), cache)
+        sweep.run(grid, cases(1, 2 * coarse), choose(SWEEP, solvers), cache)
         print("\nSweep")
         print(sweep.table(grid.rows))
     if out:
@@ -102,7 +103,7 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
-def draw(summaries: list[cost.Summary], rows: list[chaos.Floor], out: Path, processor: str, quick: bool) -> None:
+def draw(summaries: list[summary.Summary], rows: list[chaos.Floor], out: Path, processor: str, quick: bool) -> None:
     """The chart, with the floor of ``rows`` or, at full resolution, of the stored data."""
     floors = {}
     for scene in dict.fromkeys(s.scene for s in summaries):
@@ -112,9 +113,9 @@ def draw(summaries: list[cost.Summary], rows: list[chaos.Floor], out: Path, proc
         elif not quick and chaos.DATA.is_file():
             floors[scene] = chaos.floor(scene, CHART_FRAMES)
     note = (
-        f"{processor}, one thread{', QUICK: coarse grids' if quick else ''}. Mean distance of the vertices from\n"
-        "the truth, after restarts from it. Hollow: in 0.5 s the mean height lags (or leads) the truth's by over\n"
-        "5 % of its way. Grey: below the chaos floor, where errors mean nothing."
+        f"Mean distance of the vertices from the truth, {CHART_FRAMES} frames after restarts from it. Hollow: within "
+        "0.5 s the mean height lags\n(or leads) the truth's by over 5 % of its way. Grey: below the chaos floor, where "
+        f"errors mean nothing.\n{processor}, one thread{'. QUICK: coarse grids, few settings' if quick else ''}."
     )
     paths = [out / f"solvers.{kind}" for kind in ("png", "svg")]
     solver_chart.draw(summaries, floors, paths, frames=CHART_FRAMES, note=note)
