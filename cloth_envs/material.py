@@ -24,9 +24,12 @@ class Material:
         damping: Kelvin-Voigt relaxation time of stretch and shear [s]; an edge of stiffness ``k``
             has a dashpot ``damping * k``.
         drag: rate at which still air slows the cloth [1/s].
+        compression: stiffness of the springs when they are shortened over that when they are lengthened, 0 to 1. A
+            wrinkled sheet hardly resists compression (Pipkin 1986); a grid too coarse for its wrinkles needs less
+            than 1 to move like it.
 
     Raises:
-        ValueError: a value that is not finite, negative, or (density, stretch) not positive.
+        ValueError: a value that is not finite, negative, (density, stretch) not positive or (compression) over 1.
     """
 
     areal_density: float = 0.2
@@ -35,6 +38,7 @@ class Material:
     bend_stiffness: float = 2e-5
     damping: float = 5e-5
     drag: float = 0.5
+    compression: float = 1.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -46,6 +50,8 @@ class Material:
                 need = "positive" if positive else "zero or positive"
                 raise ValueError(f"material {field.name} must be {need} and finite, got {value!r}")
             object.__setattr__(self, field.name, float(value))
+        if self.compression > 1:
+            raise ValueError(f"material compression must be at most 1, got {self.compression!r}")
 
     def with_changes(self, **changes: float) -> Material:
         """A copy with some values replaced.

@@ -15,7 +15,7 @@ from cloth_envs.state import Controls
 
 SCALINGS = ("similar", "seed", "calibrated")
 # Material properties that a calibration multiplies.
-FACTORS = ("areal_density", "stretch_stiffness", "shear_stiffness", "bend_stiffness", "damping")
+FACTORS = ("areal_density", "stretch_stiffness", "shear_stiffness", "bend_stiffness", "damping", "compression")
 
 
 ROUNDING = 1e-5  # m or m/s, of upscaling in float32

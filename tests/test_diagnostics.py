@@ -24,7 +24,9 @@ from cloth_envs.state import Controls, State
 
 GRID = Grid(3, 3, 1.0, 1.0)  # masses: corners 1/16, sides 1/8, middle 1/4 of the sheet's
 SHEETS = [Material(0.2, 500.0, 150.0, 1e-3, 1e-3, 0.5), Material(0.4, 90.0, 10.0, 2e-3, 2e-3, 2.0)]
-RHO, Y, G, B, DAMPING, DRAG = (np.array(values) for values in zip(*(m.as_dict().values() for m in SHEETS), strict=True))
+RHO, Y, G, B, DAMPING, DRAG, _ = (
+    np.array(values) for values in zip(*(m.as_dict().values() for m in SHEETS), strict=True)
+)
 SCENE = Scene("desk", GRID, SHEETS[0], 0.1)
 ALL = tuple(range(9))
 EXACT = {"rtol": 1e-12, "atol": 1e-12}  # sums of a few dozen numbers of order 1 to 1000

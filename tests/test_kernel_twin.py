@@ -24,10 +24,15 @@ GRIDS = {
     "even tube": Grid(4, 20, 0.3, 0.9, periodic=True),
 }
 NOTHING = Material(0.2, 1e-12, 0.0, 0.0, damping=0.0, drag=0.0)  # stretch can't be zero
-SHEETS = [Material(0.2, 500.0, 150.0, 1e-3, 5e-5, 0.5), Material(0.4, 90.0, 10.0, 2e-4, 2e-4, 0.0), Material()]
+SHEETS = [
+    Material(0.2, 500.0, 150.0, 1e-3, 5e-5, 0.5),
+    Material(0.4, 90.0, 10.0, 2e-4, 2e-4, 0.0, compression=0.1),
+    Material(),
+]
 TERMS: dict[str, tuple[dict[str, float], dict[str, object]]] = {
     "stretch": ({"stretch_stiffness": 500.0}, {}),
     "shear": ({"shear_stiffness": 150.0}, {}),
+    "wrinkled": ({"stretch_stiffness": 500.0, "shear_stiffness": 90.0, "compression": 0.05}, {}),
     "damped": ({"stretch_stiffness": 300.0, "shear_stiffness": 90.0, "damping": 1e-3}, {}),
     "bend": ({"bend_stiffness": 1e-3}, {}),
     "drag": ({"drag": 3.0}, {}),

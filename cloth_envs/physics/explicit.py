@@ -36,6 +36,8 @@ class ExplicitSolver(Solver):
             than 20,000 substeps.
     """
 
+    yields = True
+
     def __init__(
         self,
         scene: Scene,
@@ -67,7 +69,7 @@ class ExplicitSolver(Solver):
             radii=[body.radius for body in scene.colliders],
             frictions=[body.friction for body in scene.colliders],
         )
-        self._sheets = np.zeros((num_envs, 6))
+        self._sheets = np.zeros((num_envs, 7))
         self.substeps = np.ones(num_envs, np.int32)
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
@@ -75,7 +77,8 @@ class ExplicitSolver(Solver):
         for i, m in zip(which, materials, strict=True):
             drag = m.drag if self.scene.drag else 0.0
             self._sheets[i] = (
-                m.areal_density, m.stretch_stiffness, m.shear_stiffness, m.bend_stiffness, m.damping, drag
+                m.areal_density, m.stretch_stiffness, m.shear_stiffness, m.bend_stiffness, m.damping, drag,
+                m.compression,
             )  # fmt: skip
             self.substeps[i] = self._count(m)
 

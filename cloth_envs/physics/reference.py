@@ -14,7 +14,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.physics.reference_contact import resolve_contact
-from cloth_envs.physics.stencil import edges, triples
+from cloth_envs.physics.stencil import Edges, edges, triples
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -31,13 +31,19 @@ def _values(materials: Materials, name: str) -> np.ndarray:
     return np.array([[getattr(material, name)] for material in materials])
 
 
+def _stiffness(materials: Materials, edge: Edges, length: np.ndarray) -> np.ndarray:
+    """``k`` of every spring, ``(B, E)``, times the material's ``compression`` where it is shortened."""
+    k = _values(materials, edge.modulus) * edge.weight
+    return np.where(length < edge.rest, _values(materials, "compression") * k, k)
+
+
 def spring_forces(grid: Grid, materials: Materials, x: np.ndarray) -> Forces:
     """``f_i = k (|d| - L) d / |d|``, ``d = x_j - x_i``, on both ends of every edge."""
     at, out = _flat(x), np.zeros_like(_flat(x))
     for edge in edges(grid):
         d = at[..., edge.second] - at[..., edge.first]
         length = np.linalg.norm(d, axis=1)
-        tension = _values(materials, edge.modulus) * edge.weight * (length - edge.rest)
+        tension = _stiffness(materials, edge, length) * (length - edge.rest)
         force = (tension / length)[:, None] * d
         out[..., edge.first] += force
         out[..., edge.second] -= force
@@ -49,7 +55,7 @@ def spring_energy(grid: Grid, materials: Materials, x: np.ndarray) -> np.ndarray
     at, total = _flat(x), np.zeros(len(x))
     for edge in edges(grid):
         length = np.linalg.norm(at[..., edge.second] - at[..., edge.first], axis=1)
-        total += (_values(materials, edge.modulus) * edge.weight * (length - edge.rest) ** 2).sum(1) / 2
+        total += (_stiffness(materials, edge, length) * (length - edge.rest) ** 2).sum(1) / 2
     return total
 
 

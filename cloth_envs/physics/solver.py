@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -69,6 +69,8 @@ class Solver(ABC):
         dtype: of the state, ``"float32"`` or ``"float64"``.
     """
 
+    yields: ClassVar[bool] = False  # to compression, as ``Material.compression`` says
+
     def __init__(self, scene: Scene, *, num_envs: int, threads: int, dtype: str) -> None:
         if dtype not in ("float32", "float64"):
             raise unknown_name("dtype", dtype, ("float32", "float64"))
@@ -111,7 +113,13 @@ class Solver(ABC):
         members = range(self.num_envs) if which is None else which
         if state.batch != len(members):
             raise ValueError(f"the state holds {state.batch} cloths, expected {len(members)}")
-        self.set_materials(members, [self.scene.material] * len(members) if materials is None else materials)
+        chosen = [self.scene.material] * len(members) if materials is None else list(materials)
+        if not self.yields and any(material.compression < 1 for material in chosen):
+            raise ValueError(
+                f"{type(self).__name__} has no springs that yield under compression: use solver='explicit', "
+                "or leave the material's compression at 1"
+            )
+        self.set_materials(members, chosen)
         state = state.astype(self.dtype)
         if which is None:
             self._state = state

@@ -68,14 +68,15 @@ void Explicit<T>::advance(const Frame<T>& f) const {
   // Drag is integrated exactly: dv/dt = a - drag v over a substep with a constant.
   const double decay = std::exp(-f.sheet.drag * dt);
   const double lag = f.sheet.drag > 0 ? -std::expm1(-f.sheet.drag * dt) / f.sheet.drag : dt;
-  const StepTerms<T> terms{T(f.sheet.stretch),       T(f.sheet.shear), T(f.sheet.bend), T(f.sheet.damping),
-                           T(lag / f.sheet.density), T(decay),         T(dt),           T(lag * w.gravity)};
+  const StepTerms<T> terms{T(f.sheet.stretch),         T(f.sheet.shear),         T(f.sheet.bend), T(f.sheet.damping),
+                           T(1 - f.sheet.compression), T(lag / f.sheet.density), T(decay),        T(dt),
+                           T(lag * w.gravity)};
   const AirTerms<T> blow{T(w.wind_normal / 4),
                          T(w.wind_tangential / 4),
                          T(w.pressure ? f.pressure : 0.0),
                          {T(f.wind[0]), T(f.wind[1]), T(f.wind[2])}};
   const bool air = w.wind || w.pressure;
-  const auto step = lanes.step[f.sheet.damping > 0][f.sheet.bend > 0][air];
+  const auto step = lanes.step[f.sheet.compression < 1][f.sheet.damping > 0][f.sheet.bend > 0][air];
 
   std::vector<Driven> handles(w.handles.size());
   std::vector<Cubic> bodies(6 * w.bodies.size());

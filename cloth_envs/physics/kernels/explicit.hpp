@@ -20,9 +20,9 @@ struct World {
   std::vector<Body> bodies;
 };
 
-// One cloth's material: kg/m^2, N/m, N/m, N m, s, 1/s.
+// One cloth's material: kg/m^2, N/m, N/m, N m, s, 1/s, 1.
 struct Sheet {
-  double density, stretch, shear, bend, damping, drag;
+  double density, stretch, shear, bend, damping, drag, compression = 1;
 };
 
 // One cloth's frame. Arrays (3, H, W), (N, 3) and (C, 2, 3).

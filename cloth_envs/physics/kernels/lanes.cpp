@@ -19,14 +19,15 @@ inline void put(T* const (&planes)[3], int i, const V3<T>& v) {
   store<T>(planes[0] + i, v.x), store<T>(planes[1] + i, v.y), store<T>(planes[2] + i, v.z);
 }
 
-// One substep. Every edge is evaluated once, by f = k (1 - L/|d|) d + c (d.w)/|d|^2 d with c = damping * k
+// One substep. Every edge is evaluated once, by f = k (1 - L/|d|) d + c (d.w)/|d|^2 d with c = damping * k (under
+// compression with 1 - slack times the k of the first term)
 // and the share of quadratic bending that lies on it, at the vertex that it leaves towards column + 1,
 // row + 1 or a diagonal. It arrives one lane later (along) or about a row later, through memory.
-template <class T, bool kDamping, bool kBending, bool kAir>
+template <class T, bool kSlack, bool kDamping, bool kBending, bool kAir>
 void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, const Planes<T>& out, const Cells<T>& air,
           const Edges<T>& edges) {
   const int s = g.stride;
-  const T stretch = p.stretch, shear = p.shear, bend = p.bend, damping = p.damping;
+  const T stretch = p.stretch, shear = p.shear, bend = p.bend, damping = p.damping, slack = p.slack;
   const T col_length = g.col_length, row_length = g.row_length, diagonal = g.diagonal;
   const T *along = g.along.data(), *down = g.down.data(), *right = g.right.data(), *left = g.left.data();
   const T *along_near = g.along_near.data(), *down_near = g.down_near.data();
@@ -36,14 +37,15 @@ void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, cons
 
   for (int i = g.begin; i < g.end; i += kLanes<T>) {
     const V3<T> x = at(in.x, i), v = at(in.v, i);
+    const V<T> none = {};
     const auto edge = [&](int j, const V<T>& k, T length, const V<T>& linear) __attribute__((always_inline)) {
       const V3<T> d = at(in.x, j) - x;
       const V<T> inverse = rsqrt(d.x * d.x + (d.y * d.y + (d.z * d.z + tiny<T>)));
       V<T> pull = T(1) - length * inverse;
+      if constexpr (kSlack) pull -= slack * (pull < T(0) ? pull : none);
       if constexpr (kDamping) pull += (damping * dot(d, at(in.v, j) - v)) * (inverse * inverse);
       return (k * pull + linear) * d;
     };
-    const V<T> none = {};
     const auto east = edge(i + 1, stretch * load(along + i), col_length, kBending ? bend * load(along_near + i) : none);
     V3<T> f = east - V3<T>{late(previous.x, east.x), late(previous.y, east.y), late(previous.z, east.z)};
     previous = east;
@@ -224,10 +226,14 @@ Check check(const T* x, const T* v, int rows, int cols, T row_length, T col_leng
 
 template <class T>
 const Lanes<T> table = {
-    {{{step<T, false, false, false>, step<T, false, false, true>},
-      {step<T, false, true, false>, step<T, false, true, true>}},
-     {{step<T, true, false, false>, step<T, true, false, true>},
-      {step<T, true, true, false>, step<T, true, true, true>}}},
+    {{{{step<T, false, false, false, false>, step<T, false, false, false, true>},
+       {step<T, false, false, true, false>, step<T, false, false, true, true>}},
+      {{step<T, false, true, false, false>, step<T, false, true, false, true>},
+       {step<T, false, true, true, false>, step<T, false, true, true, true>}}},
+     {{{step<T, true, false, false, false>, step<T, true, false, false, true>},
+       {step<T, true, false, true, false>, step<T, true, false, true, true>}},
+      {{step<T, true, true, false, false>, step<T, true, true, false, true>},
+       {step<T, true, true, true, false>, step<T, true, true, true, true>}}}},
     {air<T, false>, air<T, true>},
     contact<T>,
     check<T>,

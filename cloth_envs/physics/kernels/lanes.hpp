@@ -23,6 +23,7 @@ struct Edges {
 template <class T>
 struct StepTerms {
   T stretch, shear, bend, damping;        // N/m, N/m, N m, s
+  T slack;                                // 1 - stiffness in compression over that in stretch
   T accelerate, decay, dt, gravity_kick;  // force/area -> dv, v factor, s, dv of gravity
 };
 
@@ -50,7 +51,7 @@ struct Lanes {
   // One substep of springs, dampers, bending, gravity, drag and the listed forces of the air.
   using Step = void (*)(const Geometry<T>&, const StepTerms<T>&, const Planes<T>& in, const Planes<T>& out,
                         const Cells<T>& air, const Edges<T>& edges);
-  Step step[2][2][2];  // [damping][bending][air]
+  Step step[2][2][2][2];  // [slack][damping][bending][air]
   using Air = void (*)(const Geometry<T>&, const AirTerms<T>&, const Planes<T>& in, const Cells<T>& out);
   Air air[2];  // [wind]; pressure alone needs no velocities
   void (*contact)(const Geometry<T>&, const BodyStep<T>&, const Planes<T>& in, const Planes<T>& out);
