@@ -50,7 +50,7 @@ class Collision(Task):
     Truncated after 200 frames (4 s). Terminated when the simulation fails (`info["failure"]`).
 
     ## Arguments
-    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `render_mode`: see `ClothEnv`.
+    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `preset`, `render_mode`: see `ClothEnv`.
 
     ## What Is Modelled
     Springs, damping, bending, gravity, drag by still air, contact and friction with the ball. No

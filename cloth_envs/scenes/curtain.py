@@ -51,7 +51,7 @@ class Curtain(Task):
     Truncated after 200 frames (8 s). Terminated when the simulation fails (`info["failure"]`).
 
     ## Arguments
-    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `render_mode`: see `ClothEnv`.
+    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `preset`, `render_mode`: see `ClothEnv`.
 
     ## What Is Modelled
     Springs, damping, bending, gravity, drag by still air, rings. No self-contact: neighbouring pleats can pass through

@@ -45,7 +45,7 @@ class Flag(Task):
     Truncated after 200 frames (8 s). Terminated when the simulation fails (`info["failure"]`).
 
     ## Arguments
-    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `render_mode`: see `ClothEnv`.
+    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `preset`, `render_mode`: see `ClothEnv`.
 
     ## What Is Modelled
     Springs, damping, bending, gravity, wind on triangles, the pole. No drag by still air, no

@@ -47,7 +47,7 @@ class Hanging(Task):
     Truncated after 250 frames (5 s). Terminated when the simulation fails (`info["failure"]`).
 
     ## Arguments
-    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `render_mode`: see `ClothEnv`.
+    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `preset`, `render_mode`: see `ClothEnv`.
 
     ## What Is Modelled
     Springs, damping, bending, gravity, drag by still air, the breeze as a small pressure along the normals.

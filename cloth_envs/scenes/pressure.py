@@ -44,7 +44,7 @@ class Pressure(Task):
     Truncated after 250 frames (5 s). Terminated when the simulation fails (`info["failure"]`).
 
     ## Arguments
-    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `render_mode`: see `ClothEnv`.
+    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `preset`, `render_mode`: see `ClothEnv`.
 
     ## What Is Modelled
     Springs, damping, bending, gravity, drag by still air, pressure along the normals, pinned border. The
