@@ -17,8 +17,6 @@ from cloth_envs.state import Controls, State
 
 # w_i^2 of a spring over its stiffness. Measured: see AdmmSolver.
 WEIGHT = 0.2
-# M / h^2 times, where there are bodies: x stays near its last iterate, which calms contact and goes with convergence.
-INERTIA = 2.0
 _KERNELS = {"float32": kernels.Admm32, "float64": kernels.Admm64}
 
 
@@ -102,7 +100,7 @@ class AdmmSolver(Solver):
                 m.areal_density, m.stretch_stiffness, m.shear_stiffness, m.bend_stiffness, m.damping, drag
             )  # fmt: skip
             if m not in made:
-                made[m] = self._kernel.system(*_matrix(scene.grid, m, h, INERTIA if scene.colliders else 1.0, scene.handles))
+                made[m] = self._kernel.system(*_matrix(scene.grid, m, h, scene.handles))
             self._systems[i] = made[m]
 
     def step(self, old: State, new: State, controls: Controls) -> None:
@@ -114,9 +112,7 @@ class AdmmSolver(Solver):
 
 
 @lru_cache(maxsize=64)
-def _matrix(
-    grid: Grid, material: Material, h: float, inertia: float, held: tuple[int, ...]
-) -> tuple[np.ndarray, np.ndarray]:
+def _matrix(grid: Grid, material: Material, h: float, held: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues and capacitance of a global step."""
-    values = eigenvalues(grid, material, h, WEIGHT, inertia)
+    values = eigenvalues(grid, material, h, WEIGHT)
     return values, capacitance(grid, values, held)

@@ -34,8 +34,8 @@ def modes(count: int, periodic: bool) -> tuple[np.ndarray, np.ndarray]:
     return q / np.sqrt((weight * q * q).sum(0)), np.cos(angle)
 
 
-def eigenvalues(grid: Grid, material: Material, h: float, weight: float, inertia: float = 1.0) -> np.ndarray:
-    """Of ``inertia M / h^2 + K`` relative to the vertices' weights, ``(H, W)`` [N/m], in the order of ``modes``.
+def eigenvalues(grid: Grid, material: Material, h: float, weight: float) -> np.ndarray:
+    """Of ``M / h^2 + K`` relative to the vertices' weights, ``(H, W)`` [N/m], in the order of ``modes``.
 
     ``K`` holds ``weight`` times the springs, their dashpots ``c`` as ``c / h``, and bending. At free borders
     bending has a term less than on a mirrored grid: the matrix is then an upper bound of the true one.
@@ -46,7 +46,7 @@ def eigenvalues(grid: Grid, material: Material, h: float, weight: float, inertia
     stretch = springs * material.stretch_stiffness * (a / b * (2 - 2 * col) + b / a * (2 - 2 * row))
     shear = springs * material.shear_stiffness * d * d / (2 * a * b) * (4 - 4 * row * col)
     bend = material.bend_stiffness * (a / b**3 * (2 - 2 * col) ** 2 + b / a**3 * (2 - 2 * row) ** 2)
-    return inertia * material.areal_density * a * b / h**2 + stretch + shear + bend
+    return material.areal_density * a * b / h**2 + stretch + shear + bend
 
 
 def capacitance(grid: Grid, values: np.ndarray, held: tuple[int, ...]) -> np.ndarray:

@@ -48,13 +48,13 @@ AdmmWork<T>& Admm<T>::scratch() const {
   thread_local AdmmWork<T> work;
   if (work.owner == id_) return work;
   work.owner = id_;
-  work.memory.assign(55 * geometry_.size, T(0));
+  work.memory.assign(58 * geometry_.size, T(0));
   T* p = work.memory.data();
   const auto take = [&](auto& planes) {
     for (T*& plane : planes) plane = std::exchange(p, p + geometry_.size);
   };
   take(work.now.x), take(work.now.v), take(work.x), take(work.goal), take(work.residual), take(work.rest);
-  take(work.tail);
+  take(work.tail), take(work.shift);
   for (auto& edge : work.u.p) take(edge);
   for (auto& corner : work.air.corner) take(corner);
   const std::size_t rows = rows_.n, held = held_rows_.size();
@@ -146,8 +146,10 @@ void Admm<T>::advance(const Frame<T>& f, const System<T>& system) const {
       drive(w.x, false);
       if (g.periodic) wrap(w.x);
       lanes.local(g, terms, area_.data(), w.goal, w.x, w.u, w.rest, w.tail, w.residual);
+      w.contact.active.clear();
       if (!steps.empty()) push(steps, terms, w);
-      correct(system, w);
+      correct(system, w, w.x);
+      if (!w.contact.active.empty()) settle(system, w);
     }
     project(steps, w);
     const T rate = T(1 / dt);

@@ -85,12 +85,13 @@ class Admm {
  private:
   void advance(const Frame<T>& frame, const System<T>& system) const;
   AdmmWork<T>& scratch() const;
-  // x += A^-1 residual, 0 at held vertices.
-  void correct(const System<T>& system, AdmmWork<T>& work) const;
+  // x += A^-1 residual at vertices that are not held.
+  void correct(const System<T>& system, AdmmWork<T>& work, T* const (&x)[3]) const;
   void hold(const System<T>& system, AdmmWork<T>& work) const;
-  // Contact: which vertices may touch in this step; forces added to the residual; at last out of the bodies.
+  // Contact: which vertices may touch in this step; forces on them; what these do to x; at last out of the bodies.
   void approach(const std::vector<BodyStep<T>>& bodies, AdmmWork<T>& work) const;
   void push(const std::vector<BodyStep<T>>& bodies, const LocalTerms<T>& terms, AdmmWork<T>& work) const;
+  void settle(const System<T>& system, AdmmWork<T>& work) const;
   void project(const std::vector<BodyStep<T>>& bodies, AdmmWork<T>& work) const;
 
   Geometry<T> geometry_;

@@ -61,7 +61,7 @@ void Admm<T>::hold(const System<T>& system, AdmmWork<T>& w) const {
 }
 
 template <class T>
-void Admm<T>::correct(const System<T>& system, AdmmWork<T>& w) const {
+void Admm<T>::correct(const System<T>& system, AdmmWork<T>& w, T* const (&out)[3]) const {
   const Geometry<T>& g = geometry_;
   const auto multiply = best_admm_lanes<T>().multiply;
   const int rows = rows_.n, cols = cols_.n, re = rows_.even, ro = rows_.odd, ce = cols_.even, co = cols_.odd;
@@ -115,7 +115,7 @@ void Admm<T>::correct(const System<T>& system, AdmmWork<T>& w) const {
     multiply(rows, co, padded(co), from + ce, width_, 1, cols_.from_odd.data(), padded(co), to + half, 2 * half);
     for (int r = 0; r < rows; ++r) {
       const T *even = to + r * 2 * half, *odd = even + half;
-      T* x = w.x[k] + g.at(r, 0);
+      T* x = out[k] + g.at(r, 0);
       for (int c = 0; c < co; ++c) x[c] += even[c] + odd[c], x[cols - 1 - c] += even[c] - odd[c];
       if (ce > co) x[co] += even[co];
     }
@@ -131,7 +131,7 @@ void Admm<T>::solve(const System<T>& system, const T* right, T* x) const {
       std::copy_n(right + k * n + r * cols, cols, w.residual[k] + geometry_.at(r, 0));
       std::fill_n(w.x[k] + geometry_.at(r, 0), cols, T(0));
     }
-  correct(system, w);
+  correct(system, w, w.x);
   for (int v : world_.handles)
     for (T* plane : w.x) plane[geometry_.at(v / cols, v % cols)] = 0;
   for (int k = 0; k < 3; ++k)
@@ -142,8 +142,8 @@ template struct Fold<float>;
 template struct Fold<double>;
 template System<float> Admm<float>::system(const double*, const double*) const;
 template System<double> Admm<double>::system(const double*, const double*) const;
-template void Admm<float>::correct(const System<float>&, AdmmWork<float>&) const;
-template void Admm<double>::correct(const System<double>&, AdmmWork<double>&) const;
+template void Admm<float>::correct(const System<float>&, AdmmWork<float>&, float* const (&)[3]) const;
+template void Admm<double>::correct(const System<double>&, AdmmWork<double>&, double* const (&)[3]) const;
 template void Admm<float>::solve(const System<float>&, const float*, float*) const;
 template void Admm<double>::solve(const System<double>&, const double*, double*) const;
 

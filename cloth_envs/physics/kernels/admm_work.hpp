@@ -14,9 +14,10 @@ struct Vec {
 template <class T>
 struct Patch {
   enum Kind : char { kFree, kStick, kSlide };
-  std::vector<Kind> kind;                   // of every vertex
-  std::vector<int> near, active;            // vertices
-  std::vector<Vec<T>> error, normal, slip;  // of every vertex: the way from where it should be, in m
+  std::vector<Kind> kind;         // of every vertex, as all below
+  std::vector<int> near, active;  // vertices
+  std::vector<Vec<T>> error;      // the way from where it should be [m]
+  std::vector<Vec<T>> normal, slip, force, start;
   std::vector<T> friction;
 };
 
@@ -25,7 +26,7 @@ struct AdmmWork {
   long owner = -1;
   Plane<T> memory;
   Planes<T> now;  // at the step's start
-  T *x[3], *goal[3], *residual[3], *rest[4], *tail[9];
+  T *x[3], *goal[3], *residual[3], *shift[3], *rest[4], *tail[9];
   EdgePlanes<T> u;
   Cells<T> air;
   // Transforms: half rows (3 H, W); modes and half columns (H, width); places along a row (H, padded halves).
