@@ -97,7 +97,7 @@ class ImplicitStep:
         self.iterations, self.residual = 0, 0.0
 
     def solve(self, g: np.ndarray) -> np.ndarray:
-        """``(M / (push tau^2) + SHARE (1 + damping / tau) K)^-1 g`` for ``g`` ``(3 n,)``: the initial inverse Hessian."""
+        """The inverse initial Hessian, of ``M / (push tau^2) + SHARE (1 + damping / tau) K``, times ``g``."""
         right = np.ascontiguousarray(g.reshape(3, -1).T) / self._scale
         return self._system.solve(right, self._still, np.empty_like(right)).T.ravel()
 
@@ -131,10 +131,13 @@ class ImplicitStep:
         rest, held = self.h - self.tau, list(self.scene.handles)
         middle = s0 + GAMMA["sdirk2"] * (s1 - s0)
         bodies0, bodies1 = drive.bodies_at(s0), drive.bodies_at(middle)
-        first = Stage(x, x, v, x + self.tau * v, bodies0, bodies0, middle)
+        place, speed = drive.handles_at(middle)
+        base = x.copy()
+        base[:, held] = place - self.tau * speed  # so that dashpots feel the handles' own velocity
+        first = Stage(x, base, v, x + self.tau * v, bodies0, bodies0, middle)
         end = self._minimise(first, drive, secants)
         v1, reaction = self._velocities(first, end)
-        v1[:, held] = drive.handles_at(middle)[1]
+        v1[:, held] = speed
         acceleration = ((end.x.reshape(x.shape) - x) / self.tau - v) / self.tau - reaction / self.mass
         base = x + rest * v1
         place, speed = drive.handles_at(s1)
