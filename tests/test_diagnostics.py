@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -243,3 +244,9 @@ def test_mistakes_say_what_to_give() -> None:
         budget(SCENE, [state])
     with pytest.raises(ValueError, match="start first"):
         slow_motion(SCENE, [state, state], [state])
+
+
+def test_a_net_of_particles_is_refused() -> None:
+    scene = gym.make("MiniCloth-Pressure-v0", preset="zhao2024").unwrapped.scene
+    with pytest.raises(ValueError, match="net of particles"):
+        energy(scene, State.still(np.zeros((1, 3, *scene.grid.shape))))

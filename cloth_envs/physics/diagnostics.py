@@ -47,8 +47,10 @@ def as_materials(scene: Scene, state: State, materials: Sequence[Material] | Non
     """``materials``, or the scene's for every cloth.
 
     Raises:
-        ValueError: their number is not the state's.
+        ValueError: their number is not the state's, or the scene is a net of particles.
     """
+    if scene.particles is not None:
+        raise ValueError(f"{scene.name} is a net of particles, whose energies these are not: leave its preset out")
     if materials is None:
         return [scene.material] * state.batch
     if len(materials) != state.batch:
