@@ -18,7 +18,7 @@ from cloth_envs.registry import SCENES
 from cloth_envs.scene import Scene
 from training.bench import chaos, convergence, cost, summary, sweep, verdict
 from training.bench.configurations import Config, choose, label
-from training.bench.solvers import main
+from training.bench.solvers import main, measure, parse
 from training.bench.store import Store, read_rows
 from training.bench.truth import Case, Truth, length, load, record, replay, retime, vertex_error
 
@@ -61,10 +61,10 @@ def test_the_stored_chaos_floor_grows_with_time() -> None:
 def test_quick_run_end_to_end_and_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(sweep, "AXES", {"stiffness": (0.5, 1), "frame": (0.5, 2), "mass": (), "wind": (0, 3)})
+    monkeypatch.setattr(sweep, "AXES", {"stiffness": (0.5, 1), "frame": (0.5, 2), "mass": (2,), "wind": (0, 3)})
     out = tmp_path / "out"
     argv = ["--quick", "--scenes", "Flag", "--solvers", "explicit", "--out", str(out), "--cache", str(tmp_path / "c")]
-    assert main(argv) == 0
+    measure(parse(argv))
     text = capsys.readouterr().out
     assert "quick" in text
     assert json.loads((out / "solvers.json").read_text())["quick"] is True
@@ -85,7 +85,7 @@ def test_quick_run_end_to_end_and_again(
     assert ladder.order == pytest.approx(1, abs=0.2)
     assert {row.outcome for row in read_rows(out / "solvers_sweep.csv", sweep.Cell)} == {"ok"}
     # Nothing is measured twice.
-    assert main(argv) == 0
+    measure(parse(argv))
     assert {path.name: path.read_text() for path in out.glob("*.csv")} == tables
 
 
@@ -182,6 +182,6 @@ def test_choose_leaves_out_what_is_not_installed() -> None:
 
 def test_mistakes_name_the_nearest() -> None:
     with pytest.raises(ValueError, match="Did you mean 'sweep'"):
-        main(["--parts", "sweeps"])
+        parse(["--parts", "sweeps"])
     with pytest.raises(ValueError, match="Did you mean 'Flag'"):
         main(["--scenes", "Flagg"])

@@ -9,6 +9,8 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -50,14 +52,34 @@ def _list(text: str, known: Sequence[str], what: str) -> list[str]:
 
 
 def main(argv: list[str] | None = None) -> int:
+    """Run in a process of its own where linear algebra keeps to one thread, as times are of one."""
+    one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    given = sys.argv[1:] if argv is None else argv
+    parse(given)
+    return subprocess.run([sys.executable, "-m", __name__, *given], env={**os.environ, **one}).returncode
+
+
+def parse(argv: list[str]) -> argparse.Namespace:
+    """The options, with names checked.
+
+    Raises:
+        ValueError: an unknown part, scene or solver.
+    """
     given = parser().parse_args(argv)
-    parts, scenes = _list(given.parts, PARTS, "part"), _list(given.scenes, list(SCENES), "scene")
-    solvers = None if given.solvers is None else _list(given.solvers, list(SOLVERS), "solver")
+    given.parts = _list(given.parts, PARTS, "part")
+    given.scenes = _list(given.scenes, list(SCENES), "scene")
+    given.solvers = None if given.solvers is None else _list(given.solvers, list(SOLVERS), "solver")
+    return given
+
+
+def measure(given: argparse.Namespace) -> None:
+    """All parts that are asked for, in this process."""
+    parts, scenes, solvers = given.parts, given.scenes, given.solvers
     quick, out, cache = given.quick, given.out, cache_folder(given.cache)
     if out:
         out.mkdir(parents=True, exist_ok=True)
     coarse = 4 if quick else 1
-    about = {**header(), "quick": quick, "threads": 1, "omp_num_threads": os.environ.get("OMP_NUM_THREADS", "unset")}
+    about = {**header(), "quick": quick, "threads": 1}
     print(f"{about['processor']}, {about['cores']} cores{', quick: coarse grids, few settings' if quick else ''}")
 
     def cases(default: int, coarse: int = coarse, which: Sequence[str] = scenes) -> list[Case]:
@@ -78,7 +100,8 @@ def main(argv: list[str] | None = None) -> int:
             (out / "chaos_floor.json").write_text(json.dumps(about, indent=2))
     if "convergence" in parts:
         points = Store(path("solvers_convergence.csv"), convergence.Point, convergence.KEY, fresh=given.fresh)
-        convergence.run(points, cases(1, 2 * coarse), choose(CONVERGENCE, solvers), cache)
+        chosen = cases(1, convergence.COARSE * coarse, scenes[:2] if quick else scenes)
+        convergence.run(points, chosen, choose(CONVERGENCE, solvers), cache)
         print("\nConvergence to one limit")
         print(convergence.table(points.rows))
     if "cost" in parts:
@@ -94,13 +117,12 @@ def main(argv: list[str] | None = None) -> int:
             draw(summaries, floor_rows, out, str(about["processor"]), quick)
     if "sweep" in parts:
         grid = Store(path("solvers_sweep.csv"), sweep.Cell, sweep.KEY, fresh=given.fresh)
-        sweep.run(grid, cases(1, 2 * coarse), choose(SWEEP, solvers), cache)
+        sweep.run(grid, cases(1, sweep.COARSE * coarse), choose(SWEEP, solvers), cache, ends=quick)
         print("\nSweep")
         print(sweep.table(grid.rows))
     if out:
         (out / "solvers.json").write_text(json.dumps(about, indent=2))
         print(f"rows in {out}")
-    return 0
 
 
 def draw(summaries: list[summary.Summary], rows: list[chaos.Floor], out: Path, processor: str, quick: bool) -> None:
@@ -119,3 +141,7 @@ def draw(summaries: list[summary.Summary], rows: list[chaos.Floor], out: Path, p
     )
     paths = [out / f"solvers.{kind}" for kind in ("png", "svg")]
     solver_chart.draw(summaries, floors, paths, frames=CHART_FRAMES, note=note)
+
+
+if __name__ == "__main__":
+    measure(parse(sys.argv[1:]))
