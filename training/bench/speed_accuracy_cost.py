@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from time import perf_counter
+from time import perf_counter, thread_time
+from typing import Any
 
 import numpy as np
 
@@ -14,12 +15,16 @@ from training.bench.speed_accuracy_windows import Windows, rounded
 
 RUNS, TIMED = 7, 10  # timed runs after one that warms up, and frames in each
 SLOW, TIMED_SLOW = 50.0, 3  # ms a frame; frames of a run that takes longer
+BUSY = 0.95  # of a frame's wall clock that one thread computes; below, others had the processor
 
 
 @dataclass(frozen=True)
 class Cost:
     """Wall clock of a simulated frame of one cloth [ms]: median and quartiles over ``runs``, the best, and the medians
     of the coarse step and of the upscaling to positions and velocities.
+
+    With one thread, frames in which another program had the processor are left out. Of ``disturbed`` runs, which had
+    no others, the thread's own time counts: what the clock of an idle machine would show.
     """
 
     scene: str
@@ -30,6 +35,7 @@ class Cost:
     batch: int
     threads: int
     runs: int
+    disturbed: int
     ms_q1: float
     ms_median: float
     ms_q3: float
@@ -42,6 +48,28 @@ class Cost:
 COST_KEY = ("scene", "rows", "cols", "family", "options", "batch", "threads")
 
 
+def timed_run(backend: Any, start: State, controls: Sequence[Controls], alone: bool) -> tuple[np.ndarray, bool]:
+    """Median seconds of a frame, of its step and of its upscaling; and whether others disturbed every frame.
+
+    ``alone``: one thread computes, and frames that it shared the processor in can be told.
+    """
+    backend.reset(start)
+    frames, shares = [], []
+    for control in controls:
+        own, begin = thread_time(), perf_counter()
+        state = backend.advance(control)
+        middle = perf_counter()
+        state.positions, state.velocities  # noqa: B018  a lazy backend infers them now
+        end = perf_counter()
+        frames.append((end - begin, middle - begin, end - middle))
+        shares.append(min((thread_time() - own) / (end - begin), 1.0) if alone else 1.0)
+    times, share = np.array(frames), np.array(shares)
+    good = share >= BUSY
+    if good.any():
+        return np.median(times[good], 0), False
+    return np.median(times * share[:, None], 0), True
+
+
 def cost(
     methods: Sequence[Method], windows: Windows, *, batch: int = 1, threads: int = 1, runs: int = RUNS
 ) -> list[Cost]:
@@ -49,33 +77,26 @@ def cost(
     start = State(**{n: np.repeat(a[:1], batch, 0) for n, a in windows.truth[0].arrays().items()})
     controls = [Controls(**{n: np.repeat(a[:1], batch, 0) for n, a in vars(c).items()}) for c in windows.controls]
     built = [method.build(Job(windows.scene, batch, threads)) for method in methods]
-    count = [TIMED] * len(methods)
     times: list[list[np.ndarray]] = [[] for _ in methods]
-    for run in range(runs + 1):
+    disturbed, count = [0] * len(methods), [0] * len(methods)
+    for run in range(runs + 1):  # the first warms up
         for i, backend in enumerate(built):
             if isinstance(backend, str):
                 continue
-            backend.reset(start)
-            frames = []
-            for control in controls[: count[i] if run else 2]:
-                begin = perf_counter()
-                state = backend.advance(control)
-                middle = perf_counter()
-                state.positions, state.velocities  # noqa: B018  a lazy backend infers them now
-                end = perf_counter()
-                frames.append((end - begin, middle - begin, end - middle))
-            taken = np.median(frames, 0) * 1e3 / batch
+            taken, bad = timed_run(backend, start, controls[: count[i] or 2], threads == 1)
             if run:
-                times[i].append(taken)
-            elif taken[0] * batch > SLOW:
-                count[i] = TIMED_SLOW
+                times[i].append(taken * 1e3 / batch)
+                disturbed[i] += bad
+            else:
+                count[i] = TIMED_SLOW if taken[0] * 1e3 > SLOW else TIMED
     out = []
-    for method, backend, mine in zip(methods, built, times, strict=True):
-        table = np.array(mine).reshape(-1, 3) if mine else np.full((1, 3), np.nan)
+    for i, (method, backend) in enumerate(zip(methods, built, strict=True)):
+        table = np.array(times[i]) if times[i] else np.full((1, 3), np.nan)
         q1, median, q3 = np.percentile(table[:, 0], [25, 50, 75])
         step, upscale = np.median(table[:, 1:], 0)
         row = Cost(
-            windows.scene.name, *windows.scene.grid.shape, method.family, method.text, batch, threads, len(mine),
+            windows.scene.name, *windows.scene.grid.shape, method.family, method.text, batch, threads,
+            len(times[i]), disturbed[i],
             float(q1), float(median), float(q3), float(table[:, 0].min()), float(step), float(upscale),
             failure=backend if isinstance(backend, str) else "",
         )  # fmt: skip
