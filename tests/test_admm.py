@@ -337,8 +337,8 @@ def test_a_fast_ball_takes_the_cloth_along(dtype: str, speed: float) -> None:
         x, centre = end.positions[0].astype(np.float64), controls.colliders[0, 0, 0]
         gap = np.linalg.norm(x - centre[:, None, None], axis=0) - radius - scene.thickness
         assert gap.min() > -8 * np.finfo(dtype).eps * (1 + abs(centre).max())
-        # The cloth above the ball stays above: the vertex that it met in the middle.
-        assert x[2, 15, 10] >= (centre[2] + radius if t > hit else -np.inf) - 1e-6
+        # The vertex that the ball met first may slide off its top, not pass through it.
+        assert x[2, 15, 10] > (centre[2] if t > hit else -np.inf)
         assert abs(end.velocities).max() < 5 * speed + G
 
 

@@ -75,16 +75,11 @@ Touch<T> touch(const BodyStep<T>& b, const Vec<T>& x0, const Vec<T>& x1, T margi
     const T t1 = nearest(b.after, x1);
     const Vec<T> c1 = axis_point(b.after, t1), p0 = x0 - axis_point(b.before, nearest(b.before, x0)), p1 = x1 - c1;
     const Vec<T> d = p1 - p0;
-    const T square0 = dot(p0, p0), square1 = dot(p1, p1), way = dot(d, d), reach = b.radius + margin + std::sqrt(way);
-    if (square1 > reach * reach) return {false, {}, 1, {}};
+    const T square0 = dot(p0, p0), square1 = dot(p1, p1), way = dot(d, d), reach = b.radius + margin;
     const T outside = square0 - b.radius * b.radius, along = dot(p0, d), root = along * along - way * outside;
-    Vec<T> entry = p1;
-    if (outside < 0) {
-      entry = p0;
-    } else if (along < 0 && root > 0) {
-      const T first = outside / (std::sqrt(root) - along);
-      if (first <= 1) entry = p0 + first * d;
-    }
+    const bool enters = outside >= 0 && along < 0 && root > 0 && (-along < way || square1 < b.radius * b.radius);
+    if (!enters && outside >= 0 && square1 >= reach * reach) return {false, {}, 1, {}};
+    const Vec<T> entry = enters ? p0 + (outside / (std::sqrt(root) - along)) * d : outside < 0 ? p0 : p1;
     const T size = std::sqrt(dot(entry, entry)), size1 = std::sqrt(square1);
     if (size == 0) return {false, {}, 1, {}};
     const bool same = dot(entry, p1) > T(0.5) * size * size1;
