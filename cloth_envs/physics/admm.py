@@ -15,7 +15,9 @@ from cloth_envs.physics.solver import Solver, whole_number
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
-# w_i^2 of a spring over its stiffness. Measured: see AdmmSolver.
+# w_i^2 of a spring over its stiffness. Measured at 40 ms and 10 iterations on 37 x 25 vertices, for 0.1 / 0.2 / 0.3 / 1:
+# distance to the explicit solver after a fall of 0.5 s 23 / 38 / 55 / 251 mm; largest strain of a cloth that hangs by
+# two corners 0.110 / 0.090 / 0.086 / - (true: 0.086). With 5 iterations and 0.1 that cloth trembles.
 WEIGHT = 0.2
 _KERNELS = {"float32": kernels.Admm32, "float64": kernels.Admm64}
 
@@ -37,7 +39,8 @@ class AdmmSolver(Solver):
     - Bodies act by forces with Coulomb friction, detected again in each iteration; a last projection takes
       every vertex out of them.
 
-    Too few iterations leave a step unconverged: the cloth then moves as if it were heavier.
+    Too few iterations leave a step unconverged: the cloth then moves as if it were heavier. Steps of a whole
+    frame damp the motion, and a cloth that slides on a body stops later than it should; substeps help.
 
     Args:
         scene: what is modelled; terms that it does not list are not evaluated.

@@ -149,17 +149,16 @@ void Admm<T>::push(const std::vector<BodyStep<T>>& bodies, const LocalTerms<T>& 
     c.active.push_back(i);
   }
   const int s = g.stride;
-  const auto neighbour = [&](int i, int down, int right) {
-    const int col = (i - g.origin) % s + right;
-    return i + down * s + right + (col < 0 ? g.cols : col >= g.cols ? -g.cols : 0);  // round a tube
-  };
   std::vector<std::pair<Vec<T>, Kind>> next;
+  next.reserve(c.active.size());
   for (int i : c.active) {
     const T inertia = terms.inertia * area_[i];
     Vec<T> push = inertia * c.error[i];
+    const int col = g.periodic ? (i - g.origin) % s : -1;
     const auto edge = [&](int down, int right, T k) {
       if (k == 0) return;
-      const int j = neighbour(i, down, right);
+      int j = i + down * s + right;
+      if (g.periodic) j += col + right < 0 ? g.cols : col + right >= g.cols ? -g.cols : 0;  // round a tube
       if (c.kind[j] != Patch<T>::kFree) push = push + kShare<T> * k * (c.error[i] - c.error[j]);
     };
     edge(0, 1, terms.stretch * g.along[i]), edge(0, -1, terms.stretch * g.along[i - 1]);
