@@ -89,7 +89,11 @@ def run(store: Store[Point], cases: Sequence[Case], configs: Sequence[Config], c
 
 @dataclass(frozen=True)
 class Ladder:
-    """Errors along one option, the others fixed, and the slope of their logarithms over the last three rungs."""
+    """Errors along one option, the others fixed.
+
+    ``order`` is the slope of the errors' logarithms over the last three rungs; NaN along iterations and tolerances,
+    where what the step leaves is what remains.
+    """
 
     scene: str
     solver: str
@@ -117,10 +121,8 @@ def ladders(points: Sequence[Point]) -> list[Ladder]:
             values = sorted(found, reverse=name == "tolerance")
             if len(values) >= 3:
                 rung = [found[v] for v in values]
-                slope = (
-                    np.polyfit(np.log(values[-3:]), np.log(rung[-3:]), 1)[0] if np.isfinite(rung[-3:]).all() else np.nan
-                )
-                order = float(slope if name == "tolerance" else -slope)
+                fits = name in ("refine", "substeps") and np.isfinite(rung[-3:]).all()
+                order = -float(np.polyfit(np.log(values[-3:]), np.log(rung[-3:]), 1)[0]) if fits else np.nan
                 out.append(Ladder(scene, solver, name, others, tuple(values), tuple(rung), order))
     return out
 
@@ -136,9 +138,8 @@ def table(points: Sequence[Point]) -> str:
         lines.append(f"\n{scene}, {shape}, error after {mine[0].frames} frames [%]; chaos floor {100 * floor:.1g}")
         for ladder in (x for x in found if x.scene == scene):
             values = "  ".join(f"{v:g}: {100 * e:.2g}" for v, e in zip(ladder.values, ladder.errors, strict=True))
-            lines.append(
-                f"  {label(ladder.solver, ladder.others):44s} {ladder.option:10s} {values}   order {ladder.order:.2f}"
-            )
+            order = f"   order {ladder.order:.2f}" if np.isfinite(ladder.order) else ""
+            lines.append(f"  {label(ladder.solver, ladder.others):50s} {ladder.option:10s} {values}{order}")
         for solver in dict.fromkeys(p.solver for p in mine if p.solver != FLOOR):
             best = min(
                 (p for p in mine if p.solver == solver and np.isfinite(p.error)), key=lambda p: p.error, default=None
