@@ -64,7 +64,7 @@ class ImplicitSolver(Solver):
         scheme: str = "euler",
         substeps: int = 1,
         tolerance: float = 0.1,
-        max_iterations: int = 1000,
+        max_iterations: int = 500,
         window: int = 8,
     ) -> None:
         super().__init__(scene, num_envs=num_envs, threads=1, dtype=dtype)
