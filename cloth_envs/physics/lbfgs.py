@@ -23,38 +23,36 @@ class Secants:
     def __init__(self, window: int, size: int) -> None:
         self._s, self._y = np.empty((window, size)), np.empty((window, size))
         self._sy = np.empty((window, window))  # s_i . y_j
-        self._count = 0
+        self._order: list[int] = []  # rows in use, oldest first
 
     def clear(self) -> None:
-        self._count = 0
+        self._order = []
 
     def add(self, s: np.ndarray, y: np.ndarray) -> None:
         """Keep a pair, and forget the oldest where there is no room; a pair without curvature is left out."""
         if not s @ y > 1e-12 * np.sqrt((s @ s) * (y @ y)):
             return
-        window, k = len(self._s), self._count
-        if k == window:
-            k -= 1
-            self._s[:-1], self._y[:-1] = self._s[1:], self._y[1:]
-            self._sy[:-1, :-1] = self._sy[1:, 1:]
-        self._s[k], self._y[k] = s, y
-        self._count = k + 1
-        self._sy[: k + 1, k] = self._s[: k + 1] @ y
-        self._sy[k, :k] = self._y[:k] @ s
+        order, window = self._order, len(self._s)
+        row = order.pop(0) if len(order) == window else len(order)
+        order.append(row)
+        used = len(order)
+        self._s[row], self._y[row] = s, y
+        self._sy[:used, row], self._sy[row, :used] = self._s[:used] @ y, self._y[:used] @ s
 
     def apply(
         self, g: np.ndarray, solve: Callable[[np.ndarray], np.ndarray], confine: Callable[[np.ndarray], None]
     ) -> np.ndarray:
         """``H g`` for ``g`` ``(size,)`` in the free subspace; ``solve`` is ``H_0``."""
-        k = self._count
-        s, y = self._s[:k], self._y[:k]
-        upper = np.triu(self._sy[:k, :k])
-        first = np.linalg.solve(upper, s @ g)
+        order = self._order
+        s, y = self._s[: len(order)], self._y[: len(order)]
+        upper = np.triu(self._sy[np.ix_(order, order)])
+        first, second = np.empty(len(order)), np.empty(len(order))
+        first[order] = np.linalg.solve(upper, (s @ g)[order])
         q = g - first @ y
         confine(q)
         out = solve(q)
         confine(out)
-        second = np.linalg.solve(upper.T, np.diag(upper) * first - y @ out)
+        second[order] = np.linalg.solve(upper.T, (np.diag(self._sy)[: len(order)] * first - y @ out)[order])
         out += second @ s
         confine(out)
         return out
