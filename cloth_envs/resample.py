@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _minicloth_kernels as kernels
 import numpy as np
 
 from cloth_envs.grid import Grid
@@ -65,6 +66,28 @@ def weights(source: Grid, target: Grid, kind: str = "cubic") -> tuple[np.ndarray
     interpolate = KINDS[kind]
     columns = interpolate(source.cols, target.cols, periodic=source.periodic)
     return interpolate(source.rows, target.rows), columns
+
+
+class Resampler:
+    """The compiled way of float32 fields ``(B, K, H, W)`` from ``source`` to ``target``; exact at shared vertices."""
+
+    def __init__(self, source: Grid, target: Grid, kind: str = "cubic") -> None:
+        self._shape = target.shape
+        self._taps = [taps for matrix in weights(source, target, kind) for taps in _taps(matrix)]
+
+    def __call__(self, field: np.ndarray) -> np.ndarray:
+        """``field`` on the target's vertices, ``(B, K, H', W')``."""
+        out = np.empty((*field.shape[:2], *self._shape), np.float32)
+        kernels.resample(field, *self._taps, out)
+        return out
+
+
+def _taps(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Old places and their weights for every new one, ``(taps, new)`` each, padded by weights of 0."""
+    count = int((matrix != 0).sum(1).max())
+    index = np.sort(np.argsort(matrix == 0, axis=1, kind="stable")[:, :count], axis=1)
+    weight = np.take_along_axis(matrix, index, 1)
+    return np.ascontiguousarray(index.T, np.int32), np.ascontiguousarray(weight.T, np.float32)
 
 
 def resample(field: np.ndarray, source: Grid, target: Grid) -> np.ndarray:

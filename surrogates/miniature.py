@@ -10,7 +10,7 @@ import numpy as np
 from cloth_envs.material import Material
 from cloth_envs.naming import unknown_name
 from cloth_envs.physics.solver import reference
-from cloth_envs.resample import weights
+from cloth_envs.resample import Resampler, resample
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from surrogates.calibrated import load_factors
@@ -88,10 +88,7 @@ class MiniatureBackend:
             self._factors = load_factors(scene.name, factor)
         coarse, self._handles = coarse_scene(scene, factor, self._effective(scene.material))
         self.coarse = reference(coarse, num_envs=num_envs, solver=solver, **(solver_kwargs or {}))
-        up = weights(coarse.grid, scene.grid, UPSCALERS[upscaler])
-        self._up_rows, up_cols = (matrix.astype(np.float32) for matrix in up)
-        self._up_cols = np.ascontiguousarray(up_cols.T)
-        self._down_rows, self._down_cols = weights(scene.grid, coarse.grid)
+        self._up = Resampler(coarse.grid, scene.grid, UPSCALERS[upscaler])
         self._held = np.array(scene.handles, np.intp)
         self._state: State | None = None
 
@@ -136,14 +133,14 @@ class MiniatureBackend:
                 self._materials[i] = material
 
     def _down(self, field: np.ndarray) -> np.ndarray:
-        return np.ascontiguousarray(self._down_rows @ field @ self._down_cols.T)
+        return np.ascontiguousarray(resample(field, self.scene.grid, self.coarse.scene.grid))
 
     def advance(self, controls: Controls) -> State:
         coarse = self.coarse.advance(self._handles.controls(controls, self._offsets))
         driven = {"positions": controls.handle_positions, "velocities": controls.handle_velocities}
 
         def upscale(name: str) -> np.ndarray:
-            fine = self._up_rows @ getattr(coarse, name) @ self._up_cols
+            fine = self._up(getattr(coarse, name))
             self._handles.place(fine, driven[name], self._held)
             return fine
 

@@ -11,6 +11,7 @@
 #include "explicit.hpp"
 #include "implicit.hpp"
 #include "particles.hpp"
+#include "resample.hpp"
 
 namespace nb = nanobind;
 using namespace minicloth;
@@ -128,5 +129,6 @@ NB_MODULE(_minicloth_kernels, m) {
   bind_admm(m);
   bind_implicit(m);
   bind_particles(m);
+  bind_resample(m);
   m.def("instruction_set", &best_lanes_name, "The instruction set that the kernels run on this processor.");
 }
