@@ -16,8 +16,8 @@ import numpy as np
 from gymnasium.utils.seeding import np_random
 
 from cloth_envs.commands.entries import TRUTH_KWARGS, Entry
-from cloth_envs.resample import resample
 from cloth_envs.grid import Grid
+from cloth_envs.resample import resample
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 

@@ -90,7 +90,13 @@ class Solver(ABC):
         return {}
 
     def recall(self, memory: dict[str, np.ndarray]) -> None:
-        """Nothing to take back."""
+        """Nothing to take back.
+
+        Raises:
+            ValueError: there is something, from another backend.
+        """
+        if memory:
+            raise ValueError(f"{type(self).__name__} remembers nothing beyond its state, got {', '.join(memory)}")
 
     @abstractmethod
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
