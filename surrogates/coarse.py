@@ -88,9 +88,11 @@ class Handles(NamedTuple):
 
         What is missing by more than rounding is shared with the free vertices around.
         """
+        if not len(handles):
+            return
         flat, driven = fine.reshape(len(fine), 3, -1), driven.transpose(0, 2, 1)
         missing = (driven - flat[:, :, handles]).astype(np.float32)
-        if missing.size and np.abs(missing).max() > ROUNDING:
+        if np.abs(missing).max() > ROUNDING:
             flat[:, :, self.near] += self.pull * missing[:, :, self.guides]
         flat[:, :, handles] = driven
 
