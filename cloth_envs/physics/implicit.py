@@ -35,6 +35,9 @@ class ImplicitSolver(Solver):
     earlier step, so saved states continue bit for bit. It costs two minimisations. Impacts and the onset of sliding
     stay of order 1. Handles and bodies move on cubics through the frame.
 
+    Slow: one long step of a stiff sheet takes hundreds of iterations, more where it slides on a round body. The
+    explicit solver is the fast one at the scenes' sizes; this one is for what would need too many steps of it.
+
     Args:
         scene: what is modelled; terms that it does not list are not evaluated.
         num_envs: members of the batch, stepped one after the other; each stops on its own.
