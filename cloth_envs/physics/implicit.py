@@ -46,7 +46,7 @@ class ImplicitSolver(Solver):
         substeps: steps per frame.
         tolerance: a step ends when the unbalanced force on no vertex exceeds this share of its weight at 9.81 m/s^2.
             About 1e-8 can be reached at steps of some milliseconds.
-        max_iterations: in one minimisation. When they do not suffice the step goes on from the best found, and
+        max_iterations: in one minimisation. When they do not suffice the frame goes on from the last iterate, and
             ``residual`` says so.
         window: secants that L-BFGS keeps.
 
