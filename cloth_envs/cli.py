@@ -14,6 +14,7 @@ from cloth_envs.naming import unknown_name
 
 # name -> "module:main(argv)", imported on use; `training` may import cloth_envs, never the other way but here.
 BENCHMARKS = {
+    "peers": "training.bench.peers:main",
     "solvers": "training.bench.solvers:main",
     "speed-accuracy": "training.bench.speed_accuracy:main",
     "throughput": "training.bench.throughput:main",

@@ -1,0 +1,260 @@
+"""``minicloth bench peers``: every engine gets the same cloth, and what is asked of a run can fail."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from cloth_envs.cli import BENCHMARKS
+from cloth_envs.scene import Scene
+from training.bench import peers
+from training.bench.cost import TOLERANCE
+from training.bench.peers_scenes import (
+    DROP,
+    EARLY,
+    LATE,
+    NAMES,
+    RADIUS,
+    WAVE,
+    Engine,
+    Own,
+    Setup,
+    build,
+    error_mm,
+    follow,
+    lag,
+    p99,
+)  # fmt: skip
+from training.bench.store import read_rows
+
+PEERS = ("Taichi", "MuJoCo")
+pytestmark = pytest.mark.filterwarnings("ignore:'locale.getdefaultlocale:DeprecationWarning")  # Taichi's import
+
+
+@pytest.fixture(params=PEERS)
+def peer(request: pytest.FixtureRequest) -> Callable[..., Engine]:
+    """What builds the engine; the test is skipped where it is not installed."""
+    if reason := peers.missing(request.param):
+        pytest.skip(reason)
+    return peers.engine_class(request.param)
+
+
+def truth(setup: Setup, **options: object) -> Own:
+    return peers.make(peers.OWN, setup, {**peers.TRUTH, **options})  # type: ignore[return-value]
+
+
+def test_scenes_are_those_of_the_table() -> None:
+    a, b, c = (build(name) for name in NAMES)
+    assert [s.scene.grid.vertices for s in (a, b, c)] == [49 * 73, 33 * 49, 41 * 61]
+    assert [s.scene.frame_dt for s in (a, b, c)] == [0.04, 0.04, 0.02]
+    for setup in (a, b, c):
+        # 0.2 kg/m^2 on 1.5 m^2; sums of a few thousand doubles.
+        assert setup.scene.mass.sum() == pytest.approx(0.3, rel=1e-12)
+        material = setup.scene.material
+        assert (material.stretch_stiffness, material.shear_stiffness) == (500, 150)
+    x = a.start.positions[0]
+    assert np.ptp(x[2]) == 0
+    assert np.ptp(x[0, a.pins]) == 1.0
+    assert np.ptp(x[1, a.pins]) == 0
+    x = b.start.positions[0]
+    assert np.ptp(x[0, b.pins]) == 0
+    assert np.ptp(x[2, b.pins]) == 1.0
+    assert not c.pins.any()
+    gap = np.linalg.norm(c.rest, axis=0).min() - RADIUS - c.scene.thickness
+    assert gap == pytest.approx(DROP, abs=1e-12)  # a vertex lies over the centre
+    assert abs(c.start.positions[0] - c.rest).max() <= WAVE
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_peer_has_our_masses_pins_and_start(peer: Callable[..., Engine], name: str) -> None:
+    setup = build(name, 4)
+    engine = peer(setup)
+    np.testing.assert_allclose(engine.masses, setup.scene.mass, rtol=1e-12)
+    for _ in range(2):
+        # Single precision keeps 6e-8 of the 1.5 m.
+        np.testing.assert_allclose(engine.state()[0], setup.start.positions[0], atol=1e-7)
+        assert not engine.state()[1].any()
+        wall, cpu = engine.advance()
+        assert wall > 0
+        assert cpu >= 0
+        x, v = engine.state()
+        np.testing.assert_allclose(x[:, setup.pins], setup.start.positions[0][:, setup.pins], atol=1e-7)
+        assert not v[:, setup.pins].any()
+        assert abs(v[:, ~setup.pins]).max() > 0
+        engine.reset()
+
+
+def test_a_peer_falls_freely(peer: Callable[..., Engine]) -> None:
+    setup = build("C", 4)
+    engine, frames, substeps = peer(setup, substeps=4), 4, 4
+    for _ in range(frames):
+        engine.advance()
+    m, scene = setup.scene.material, setup.scene
+    t, h = frames * scene.frame_dt, scene.frame_dt / substeps
+    # Drag c: x = g (t / c - (1 - exp(-c t)) / c^2). First order in h: the velocity is late or early by g h at most.
+    fallen = scene.gravity * (t / m.drag - (1 - np.exp(-m.drag * t)) / m.drag**2)
+    sunk = (setup.start.positions[0, 2] - engine.state()[0][2]).mean()
+    assert sunk == pytest.approx(fallen, abs=scene.gravity * h * t)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_explicit_taichi_computes_our_forces(name: str) -> None:
+    if reason := peers.missing("Taichi"):
+        pytest.skip(reason)
+    setup = build(name, 4)
+    taichi, ours = peers.make("Taichi", setup, {"method": "explicit"}), truth(setup, dtype="float32", refine=1)
+    assert taichi.substeps == ours.substeps
+    frames = setup.frames(EARLY)
+    for engine in (taichi, ours):
+        for _ in range(frames):
+            engine.advance()
+    # Both round 1.5 m to 1.2e-7 m, and a spring of strain s at each substep by that over its length; unsteady
+    # motion lets it add up over the substeps.
+    tolerance = 1.2e-7 * frames * ours.substeps
+    np.testing.assert_allclose(taichi.state()[0], ours.state()[0], atol=tolerance)
+
+
+def test_xpbd_tends_to_our_truth() -> None:
+    if reason := peers.missing("Taichi"):
+        pytest.skip(reason)
+    setup = build("A", 4)
+    limp = setup.scene.material.with_changes(damping=0.0)  # it has no dashpots
+    setup = replace(setup, scene=setup.scene.with_material(limp))
+    true = follow(setup, truth(setup), seconds=EARLY).early
+    errors = []
+    for substeps in (20, 40, 80):
+        engine = peers.make("Taichi", setup, {"method": "xpbd", "substeps": substeps})
+        errors.append(error_mm(setup, follow(setup, engine, seconds=EARLY).early, true))
+    # First order in the step: halves; 1.5 leaves room for the second. Steps below half a millisecond round.
+    assert errors[1] < errors[0] / 1.5
+    assert errors[2] < errors[1] / 1.5
+
+
+def test_mujocos_shell_has_our_stiffness() -> None:
+    if reason := peers.missing("MuJoCo"):
+        pytest.skip(reason)
+    from training.bench.peers_mujoco import MujocoCloth, sheet
+
+    setup = build("A", 4)
+    young, poisson, thickness = sheet(setup)
+    membrane = young * thickness / (1 - poisson**2)
+    assert membrane == pytest.approx(650, rel=1e-12)
+    assert poisson * membrane == pytest.approx(150, rel=1e-12)
+    assert young * thickness**3 / 12 / (1 - poisson**2) == pytest.approx(2e-5, rel=1e-12)
+    # Moved along the threads by the strain e, a pinned sheet pulls back with 650 N/m (e + 3/2 e^2 + ...), St. Venant.
+    engine, strain = MujocoCloth(setup, "membrane"), 1e-3
+    x = setup.rest[1, engine.free] * strain
+    engine.data.qpos[1::3] = x
+    import mujoco
+
+    mujoco.mj_forward(engine.model, engine.data)
+    held = engine.data.qfrc_passive[1::3].reshape(-1, setup.scene.grid.cols)
+    assert held[-1].sum() == pytest.approx(650 * strain * setup.scene.grid.width, rel=2 * strain)
+
+
+class Broken:
+    """An engine whose cloth is gone after two frames."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine, self.substeps, self.masses, self._frames = engine, 1, engine.masses, 0
+
+    def reset(self) -> None:
+        self._frames = 0
+        self._engine.reset()
+
+    def advance(self) -> tuple[float, float]:
+        self._frames += 1
+        return self._engine.advance()
+
+    def state(self) -> tuple[np.ndarray, np.ndarray]:
+        x, v = self._engine.state()
+        return (x, v) if self._frames < 2 else (x * np.nan, v)
+
+
+def weaker(scene: Scene) -> Scene:
+    return replace(scene, gravity=0.7 * scene.gravity)
+
+
+def test_slow_motion_failures_and_long_runs_are_told() -> None:
+    setup = build("A", 8)
+    true = follow(setup, truth(setup))
+    slow = follow(setup, truth(replace(setup, scene=weaker(setup.scene))))
+    assert lag(setup, slow.late, true.late) > TOLERANCE
+    assert lag(setup, true.late, true.late) == 0
+    assert error_mm(setup, slow.early, true.early) > 1
+    assert 0 < p99(setup, true.late) < 0.05
+    assert len(true.seconds) == setup.frames(LATE)
+    broken = follow(setup, Broken(truth(setup)))
+    assert broken.failure == "non-finite at frame 2"
+    assert broken.late is None
+    assert np.isnan(error_mm(setup, broken.early, true.early))
+    assert np.isnan(lag(setup, broken.late, true.late))
+    assert follow(setup, truth(setup), limit=0).failure == "stopped after 0 s, at frame 1"
+
+
+def row(engine: str, ms: float, error: float, **changes: object) -> peers.Row:
+    nan = float("nan")
+    settings = '{"solver": "explicit"}' if engine == peers.OWN else '{"method": "explicit"}'
+    base = peers.Row(
+        "A", 3, 3, engine, settings, 1, 5, ms, ms, ms, ms, error, error, nan, nan, 0, nan, 0, 0, 0.01, 1, ""
+    )
+    return replace(base, **changes)  # type: ignore[arg-type]
+
+
+def test_rivals_compare_at_no_larger_error_and_only_what_passes() -> None:
+    fast, fine = row(peers.OWN, 1, 2.0), row(peers.OWN, 4, 0.5)
+    asleep = row(peers.OWN, 0.1, 0.1, lag=2 * TOLERANCE)
+    coarse, good, best = (row("Taichi", ms, error) for ms, error in ((20, 3.0), (40, 1.0), (80, 0.1)))
+    slow = row("Taichi", 0.1, 1.0, lag=-2 * TOLERANCE)
+    other = row("Taichi", 30, 9.0, own_early_mm=1.5, lag=2 * TOLERANCE, own_lag=0.01)  # judged by its own truth
+    rows = [fast, fine, asleep, coarse, good, best, slow, other]
+    assert peers.rivals(rows, "A") == [(coarse, fast), (good, fine), (best, None), (other, fine)]
+    assert "at least 7.5 x" in peers.table(rows)
+    assert "none of ours is as near" in peers.table(rows)
+    # Below the chaos floor errors are equal.
+    floor = [replace(r, floor_early_mm=0.6) for r in rows]
+    assert peers.rivals(floor, "A")[2][1] == floor[1]
+
+
+def test_end_to_end_without_any_peer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(peers, "missing", lambda engine: "" if engine == peers.OWN else f"{engine} is not installed")
+    settings = [
+        {"solver": "explicit", "refine": 1},
+        {"solver": "admm", "iterations": 10},
+        {"solver": "explicit", "refine": 2},
+    ]
+    monkeypatch.setitem(peers.SETTINGS, peers.OWN, [settings[0], {}, {}, settings[2]])
+    assert peers.main(["--quick", "--budget", "0", "--out", str(tmp_path)]) == 0
+    text = capsys.readouterr().out
+    assert "skipped: MuJoCo is not installed" in text
+    assert "QUICK" in text
+    rows = read_rows(tmp_path / "peers.csv", peers.Row)
+    assert [(r.scene, r.settings) for r in rows] == [
+        (name, json.dumps(options)) for name in NAMES for options in (settings[0], settings[2])
+    ]
+    for one, two in zip(rows[::2], rows[1::2], strict=True):
+        assert one.passed
+        assert 0 < one.ms_q1 <= one.ms <= one.ms_q3
+        # First order: against a quarter of the step, a whole and a half differ by 3/4 and 1/4.
+        assert two.early_mm == pytest.approx(one.early_mm / 3, rel=0.5)
+        assert one.frames == build(one.scene).frames(LATE)
+    assert json.loads((tmp_path / "peers.json").read_text())["quick"] is True
+    assert ElementTree.parse(tmp_path / "peers.svg").getroot().tag.endswith("svg")
+    assert (tmp_path / "peers.png").stat().st_size > 10_000
+
+
+def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(peers, "find_spec", lambda name: None)
+    assert "pip install" in peers.missing("MuJoCo")
+    assert not peers.missing(peers.OWN)
+    assert BENCHMARKS["peers"] == "training.bench.peers:main"
+    with pytest.raises(ValueError, match="A, B, C"):
+        peers.main(["--scenes", "D"])
