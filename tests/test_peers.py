@@ -13,7 +13,7 @@ import pytest
 
 from cloth_envs.cli import BENCHMARKS
 from cloth_envs.scene import Scene
-from training.bench import peers
+from training.bench import peers, peers_rows
 from training.bench.cost import TOLERANCE
 from training.bench.peers_scenes import (
     DROP,
@@ -46,7 +46,7 @@ def peer(request: pytest.FixtureRequest) -> Callable[..., Engine]:
 
 
 def truth(setup: Setup, **options: object) -> Own:
-    return peers.make(peers.OWN, setup, {**peers.TRUTH, **options})  # type: ignore[return-value]
+    return peers.make(peers_rows.OWN, setup, {**peers.TRUTH, **options})  # type: ignore[return-value]
 
 
 def test_scenes_are_those_of_the_table() -> None:
@@ -198,45 +198,47 @@ def test_slow_motion_failures_and_long_runs_are_told() -> None:
     assert follow(setup, truth(setup), limit=0).failure == "stopped after 0 s, at frame 1"
 
 
-def row(engine: str, ms: float, error: float, **changes: object) -> peers.Row:
+def row(engine: str, ms: float, error: float, **changes: object) -> peers_rows.Row:
     nan = float("nan")
-    settings = '{"solver": "explicit"}' if engine == peers.OWN else '{"method": "explicit"}'
-    base = peers.Row(
+    settings = '{"solver": "explicit"}' if engine == peers_rows.OWN else '{"method": "explicit"}'
+    base = peers_rows.Row(
         "A", 3, 3, engine, settings, 1, 5, ms, ms, ms, ms, error, error, nan, nan, 0, nan, 0, 0, 0.01, 1, ""
     )
     return replace(base, **changes)  # type: ignore[arg-type]
 
 
 def test_rivals_compare_at_no_larger_error_and_only_what_passes() -> None:
-    fast, fine = row(peers.OWN, 1, 2.0), row(peers.OWN, 4, 0.5)
-    asleep = row(peers.OWN, 0.1, 0.1, lag=2 * TOLERANCE)
+    fast, fine = row(peers_rows.OWN, 1, 2.0), row(peers_rows.OWN, 4, 0.5)
+    asleep = row(peers_rows.OWN, 0.1, 0.1, lag=2 * TOLERANCE)
     coarse, good, best = (row("Taichi", ms, error) for ms, error in ((20, 3.0), (40, 1.0), (80, 0.1)))
     slow = row("Taichi", 0.1, 1.0, lag=-2 * TOLERANCE)
     other = row("Taichi", 30, 9.0, own_early_mm=1.5, lag=2 * TOLERANCE, own_lag=0.01)  # judged by its own truth
     rows = [fast, fine, asleep, coarse, good, best, slow, other]
-    assert peers.rivals(rows, "A") == [(coarse, fast), (good, fine), (best, None), (other, fine)]
-    assert "at least 7.5 x" in peers.table(rows)
-    assert "none of ours is as near" in peers.table(rows)
+    assert peers_rows.rivals(rows, "A") == [(coarse, fast), (good, fine), (best, None), (other, fine)]
+    assert "at least 7.5 x" in peers_rows.table(rows)
+    assert "none of ours is as near" in peers_rows.table(rows)
     # Below the chaos floor errors are equal.
     floor = [replace(r, floor_early_mm=0.6) for r in rows]
-    assert peers.rivals(floor, "A")[2][1] == floor[1]
+    assert peers_rows.rivals(floor, "A")[2][1] == floor[1]
 
 
 def test_end_to_end_without_any_peer(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(peers, "missing", lambda engine: "" if engine == peers.OWN else f"{engine} is not installed")
+    monkeypatch.setattr(
+        peers, "missing", lambda engine: "" if engine == peers_rows.OWN else f"{engine} is not installed"
+    )
     settings = [
         {"solver": "explicit", "refine": 1},
         {"solver": "admm", "iterations": 10},
         {"solver": "explicit", "refine": 2},
     ]
-    monkeypatch.setitem(peers.SETTINGS, peers.OWN, [settings[0], {}, {}, settings[2]])
+    monkeypatch.setitem(peers.SETTINGS, peers_rows.OWN, [settings[0], {}, {}, settings[2]])
     assert peers.main(["--quick", "--budget", "0", "--out", str(tmp_path)]) == 0
     text = capsys.readouterr().out
     assert "skipped: MuJoCo is not installed" in text
     assert "QUICK" in text
-    rows = read_rows(tmp_path / "peers.csv", peers.Row)
+    rows = read_rows(tmp_path / "peers.csv", peers_rows.Row)
     assert [(r.scene, r.settings) for r in rows] == [
         (name, json.dumps(options)) for name in NAMES for options in (settings[0], settings[2])
     ]
@@ -254,7 +256,7 @@ def test_end_to_end_without_any_peer(
 def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(peers, "find_spec", lambda name: None)
     assert "pip install" in peers.missing("MuJoCo")
-    assert not peers.missing(peers.OWN)
+    assert not peers.missing(peers_rows.OWN)
     assert BENCHMARKS["peers"] == "training.bench.peers:main"
     with pytest.raises(ValueError, match="A, B, C"):
         peers.main(["--scenes", "D"])
