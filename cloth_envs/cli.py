@@ -17,6 +17,7 @@ BENCHMARKS = {
     "peers": "training.bench.peers:main",
     "solvers": "training.bench.solvers:main",
     "speed-accuracy": "training.bench.speed_accuracy:main",
+    "tables": "training.bench.tables:main",
     "throughput": "training.bench.throughput:main",
 }
 

@@ -1,0 +1,34 @@
+"""The seed's tables: a row from a short run, and errors that are those of their definition."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from training.bench import tables
+
+
+def test_distance_is_the_mean_over_frames_and_vertices() -> None:
+    a = np.zeros((2, 3, 4, 5))
+    b = a.copy()
+    b[1, :, 0, 0] = [3.0, 0.0, 4.0]
+    assert tables.distance(a, b) == pytest.approx(5.0 / 40)
+
+
+def test_a_finer_miniature_and_its_oracle_are_nearer_to_the_teacher(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert tables.main(["--quick", "--out", str(tmp_path)]) == 0
+    assert "quick" in capsys.readouterr().out
+    with open(tmp_path / "tables.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    similar = [row for row in rows if row["table"] == "4" and row["scaling"] == "similar"]
+    assert [row["factor"] for row in similar] == ["2", "3", "4"]
+    for kind in ("oracle_error", "real_error"):
+        errors = [float(row[kind]) for row in similar]
+        assert errors == sorted(errors)
+    assert all(float(row["oracle_error"]) < float(row["real_error"]) for row in rows)
+    assert {row["scene"] for row in rows if row["table"] == "8"} == {"Curtain", "Flag", "Collision"}
