@@ -35,8 +35,9 @@ from training.bench.truth import Case, cache_folder, load
 SEEDS = (200, 201, 202, 203, 204)  # held out: the miniature was calibrated on 100..103
 FRAMES, STARTS = 125, (25, 50, 100)  # of an episode's truth; frames at which the windows begin
 # Seconds for one method's windows of a scene, and for its long runs; slower ones do less, the rows say so.
-BUDGET, QUICK_BUDGET = 30.0, 2.0
+BUDGET, QUICK_BUDGET = 20.0, 1.0
 BATCH = 16
+FLOOR_RUNS = 2  # long runs of the chaos floor
 
 
 def parser() -> argparse.ArgumentParser:
@@ -88,9 +89,8 @@ def prepare(cases: Sequence[Case], last: int, cache: Path, processes: int) -> No
 
 def affordable(method: Method, costs: Sequence[Cost], scene: str, frames: int, batch: int, budget: float) -> int:
     """How many of ``batch`` windows of ``frames`` fit into the ``budget`` [s]; all of a method that is not slow."""
-    ms = [
-        c.ms_median for c in costs if (c.scene, c.family, c.options, c.batch) == (scene, method.family, method.text, 1)
-    ]
+    key = scene, method.family, method.text, 1
+    ms = [c.ms_median for c in costs if (c.scene, c.family, c.options, c.batch) == key]
     if not ms or not ms[0] > SLOW * budget / BUDGET:
         return batch
     return min(batch, int(budget * 1e3 / (ms[0] * frames)))
@@ -127,13 +127,18 @@ def measure(
             threads = (os.cpu_count() or 1) if method.family == FLOOR else 1
             key, again = (name, *shape, method.family, method.text), (method.family, method.text) in refused
             count = affordable(method, costs.rows, name, len(windows.controls), len(windows.seeds), budget)
+            if method.family == FLOOR:  # as slow as the truth
+                count = len(long.seeds)
             part = windows.first(max(1, count))
             if again or not all((*key, s, h, part.key) in scores for s in set(part.seeds) for h in horizons):
                 scores.add(*score(method, part, threads, horizons))
-            frames, seeds = len(long.controls), len(long.seeds)
-            done = not again and all((*key, s, frames, long.key) in longs for s in long.seeds)
-            if not done and affordable(method, costs.rows, name, frames, seeds, budget) == seeds:
-                longs.add(*long_run(method, long, threads, burn_in))
+            frames = len(long.controls)
+            count = affordable(method, costs.rows, name, frames, len(long.seeds), budget)
+            if method.family == FLOOR:
+                count = FLOOR_RUNS
+            whole = long.first(max(1, count))
+            if count and (again or not all((*key, s, frames, long.key) in longs for s in whole.seeds)):
+                longs.add(*long_run(method, whole, threads, burn_in))
             bar.update()
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
+from cloth_envs.physics import reference
 from cloth_envs.physics.budget import slow_motion
-from cloth_envs.physics.diagnostics import energy, strains
+from cloth_envs.physics.diagnostics import strains
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from training import metrics
@@ -64,12 +66,25 @@ SCORE_KEY = ("scene", "rows", "cols", "family", "options", "seed", "frames", "tr
 MEASURED = [f.name for f in fields(Score) if f.type == "float"]
 
 
+@lru_cache(maxsize=2)
+def truth_span(windows: Windows) -> np.ndarray:
+    """Range of the truth's displacements from its mean, ``(3,)`` [m], for PSNR."""
+    everything = np.concatenate([s.positions for s in windows.truth])
+    return displacement_span(everything, everything.mean(0))
+
+
+@lru_cache(maxsize=2)
+def truth_crossings(windows: Windows, frames: int) -> np.ndarray:
+    """Pairs of crossing triangles in the first window of every seed."""
+    first = sum(start == windows.starts[0] for start in windows.starts)
+    return crossing_triangles(windows.scene.grid, windows.truth[frames].positions[:first])
+
+
 def score(method: Method, windows: Windows, threads: int = 1, horizons: Sequence[int] = HORIZONS) -> list[Score]:
     """Run the windows and compare them with the truth; one row for each seed and horizon."""
     scene, truth = windows.scene, windows.truth
     states, reasons = simulate(method, windows, threads)
-    everything = np.concatenate([s.positions for s in truth])
-    span = displacement_span(everything, everything.mean(0))
+    span = truth_span(windows)
     out = []
     for frames in horizons:
         values: dict[str, np.ndarray] = {name: np.full(len(reasons), np.nan) for name in MEASURED}
@@ -84,8 +99,8 @@ def score(method: Method, windows: Windows, threads: int = 1, horizons: Sequence
                     values[name][good] = value
                 few = [i for i, member in enumerate(good) if windows.starts[member] == windows.starts[0]]
                 if frames == horizons[-1] and HAS_IPCTK and few:
-                    for name, state in (("crossings", run[-1]), ("crossings_truth", true[-1])):
-                        values[name][good[few]] = crossing_triangles(scene.grid, state.positions[few])
+                    values["crossings"][good[few]] = crossing_triangles(scene.grid, run[-1].positions[few])
+                    values["crossings_truth"][good[few]] = truth_crossings(windows, frames)[good[few]]
         for seed in dict.fromkeys(windows.seeds):
             mine = [i for i, s in enumerate(windows.seeds) if s == seed]
             bad = [reasons[i] for i in mine if failed_by(reasons[i], frames)]
@@ -131,21 +146,27 @@ LONG_KEY = ("scene", "rows", "cols", "family", "options", "seed", "frames", "tru
 
 def statistics(scene: Scene, states: Sequence[State]) -> dict[str, np.ndarray]:
     """Mean height, bending and kinetic energy ``(B, T)`` and strains ``(B, N)`` of a run."""
-    energies = [energy(scene, s) for s in states]
-    share = scene.grid.areas / scene.grid.areas.sum()
+    grid, sheets = scene.grid, [scene.material] * states[0].batch
+    share = grid.areas / grid.areas.sum()
     return {
         "height": np.stack([(s.positions[:, 2] * share).sum((1, 2)) for s in states], 1),
-        "bending": np.stack([e.bending for e in energies], 1),
-        "kinetic": np.stack([e.kinetic for e in energies], 1),
-        "strain": np.concatenate([strains(scene.grid, s.positions) for s in states[::5]], 1),
+        "bending": np.stack([reference.bend_energy(grid, sheets, s.positions) for s in states], 1),
+        "kinetic": np.stack([reference.kinetic_energy(grid, sheets, s.velocities) for s in states], 1),
+        "strain": np.concatenate([strains(grid, s.positions) for s in states[::5]], 1),
     }
+
+
+@lru_cache(maxsize=2)
+def truth_statistics(windows: Windows, burn_in: int) -> dict[str, np.ndarray]:
+    """``statistics`` of the truth after ``burn_in`` frames."""
+    return statistics(windows.scene, windows.truth[burn_in:])
 
 
 def long_run(method: Method, windows: Windows, threads: int = 1, burn_in: int = BURN_IN) -> list[Long]:
     """Run whole episodes; one row for each seed."""
     scene, truth = windows.scene, windows.truth
     states, reasons = simulate(method, windows, threads)
-    true = statistics(scene, truth[burn_in:])
+    true = truth_statistics(windows, burn_in)
     scales = {"height": true["height"].std(), "strain": abs(true["strain"]).mean()}
     scales |= {name: true[name].mean() for name in ("bending", "kinetic")}
     out = []

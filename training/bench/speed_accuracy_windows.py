@@ -21,7 +21,7 @@ from training.bench.truth import Case, length, load
 REFINE = 16  # truth is four times finer than G1: explicit at a quarter of its step would be compared with itself
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Windows:
     """B stretches of truth, the first window of every seed first. ``truth[t]`` is the batch after t frames."""
 
@@ -34,6 +34,8 @@ class Windows:
 
     def first(self, count: int) -> Windows:
         """The first ``count`` of the batch."""
+        if count >= len(self.seeds):
+            return self
         cut: list[Any] = []
         for items in (self.controls, self.truth):
             cut.append([type(i)(**{n: a[:count] for n, a in vars(i).items()}) for i in items])
