@@ -28,7 +28,8 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         randomize: ``{property: (low, high)}``, drawn uniformly at every reset.
         resolution: ``(rows, cols)`` of the grid, at equal size and material.
         preset: a paper's set-up, by name or ``{"name": ..., option: number}`` (see ``minicloth list``); zero actions
-            are then the paper's scene. ``"zhao2024"`` and ``"zhao2024-fall"`` fix material and resolution.
+            are then the paper's scene. ``"lee2019"`` steps by P-ADMM, as its paper did, where ``backend_kwargs`` names
+            no ``solver``. ``"zhao2024"`` and ``"zhao2024-fall"`` fix material and resolution.
         render_mode: ``"rgb_array"`` (uint8 ``(480, 640, 3)``) or ``"depth_array"`` (float32 [m]).
 
     Raises:

@@ -12,6 +12,16 @@ from cloth_envs.naming import unknown_name
 from cloth_envs.registry import PRESETS, load_task
 
 
+# preset -> options of the reference backend with which the paper ran, where a user chooses no solver.
+SOLVER_OF: dict[str, dict[str, Any]] = {"lee2019": {"solver": "admm", "iterations": 10}}
+
+
+def solver_of(preset: str | Mapping[str, Any] | None) -> dict[str, Any]:
+    """Options of the reference backend that a preset's paper used; empty for the default solver."""
+    name = preset["name"] if isinstance(preset, Mapping) else preset
+    return SOLVER_OF.get(name, {}) if name else {}
+
+
 def load_preset(scene: str, preset: str | Mapping[str, Any]) -> Any:
     """The Task class of ``scene`` in a preset: its name, or ``{"name": ..., option: number}``.
 

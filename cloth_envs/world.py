@@ -14,7 +14,7 @@ from cloth_envs.backend import make_backend
 from cloth_envs.failure import Failures
 from cloth_envs.material import PROPERTIES, Material, as_material
 from cloth_envs.naming import unknown_name
-from cloth_envs.presets import load_preset
+from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import load_task
 from cloth_envs.scenes.task import Episode, Start
 from cloth_envs.state import State
@@ -56,6 +56,8 @@ class World:
         shape = _check_resolution(resolution, task_class.resolution)
         self.task = task_class(task_class.make_scene(resolution=shape, material=base))
         self.scene = self.task.scene
+        if backend == "reference" and "solver" not in (backend_kwargs or {}):
+            backend_kwargs = {**solver_of(preset), **(backend_kwargs or {})}
         self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=backend_kwargs)
         self.num_envs, self.obs = num_envs, obs
         self.failures = Failures(self.scene, self.task.max_strain)

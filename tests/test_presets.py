@@ -11,6 +11,8 @@ from gymnasium.utils.env_checker import check_env
 
 import cloth_envs
 from cloth_envs import cli
+from cloth_envs.physics.admm import AdmmSolver
+from cloth_envs.physics.explicit import ExplicitSolver
 from cloth_envs.physics.stencil import edges
 from cloth_envs.presets import load_preset, presets_of
 from cloth_envs.recording import RolloutWriter
@@ -270,3 +272,13 @@ def test_lee2019_leaves_material_and_resolution_open() -> None:
     assert world.scene.material.drag == 1.0
     assert world.scene.grid.shape == (17, 25)
     assert load_preset("Flag", "lee2019").resolution == (33, 49)
+
+
+def test_lee2019_runs_the_papers_solver_unless_another_is_chosen() -> None:
+    small = {"preset": "lee2019", "resolution": (17, 25)}
+    assert isinstance(World("Flag", **small).backend, AdmmSolver)  # type: ignore[arg-type]
+    more = World("Flag", backend_kwargs={"iterations": 30}, **small).backend  # type: ignore[arg-type]
+    assert isinstance(more, AdmmSolver)
+    assert more.iterations == 30
+    assert isinstance(World("Flag", backend_kwargs={"solver": "explicit"}, **small).backend, ExplicitSolver)  # type: ignore[arg-type]
+    assert isinstance(World("Flag", resolution=(17, 25)).backend, ExplicitSolver)
