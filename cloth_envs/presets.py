@@ -11,7 +11,6 @@ import numpy as np
 from cloth_envs.naming import unknown_name
 from cloth_envs.registry import PRESETS, load_task
 
-
 # preset -> options of the reference backend with which the paper ran, where a user chooses no solver.
 SOLVER_OF: dict[str, dict[str, Any]] = {"lee2019": {"solver": "admm", "iterations": 10}}
 

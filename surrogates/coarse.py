@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from _minicloth_kernels import place
 from scipy.spatial import cKDTree
 
 from cloth_envs.grid import Grid
@@ -77,24 +78,20 @@ class Handles(NamedTuple):
         vertices = tuple(row * coarse.cols + col % coarse.cols for row, col in driven)
         follows = np.array(list(driven.values()), np.intp)
         if not handles:
-            return cls(vertices, follows, follows, follows, np.zeros(0, np.float32))
+            nothing = np.zeros(0, np.int32)
+            return cls(vertices, follows, nothing, nothing, np.zeros(0, np.float32))
         all_places = np.stack(np.divmod(np.arange(fine.vertices), fine.cols), 1) * ratio
         away, guides = cKDTree(place).query(all_places, p=np.inf)
         near = np.flatnonzero((away > 0) & (away < 1))
-        return cls(vertices, follows, near, guides[near], (1 - away[near]).astype(np.float32))
+        pull = (1 - away[near]).astype(np.float32)
+        return cls(vertices, follows, near.astype(np.int32), guides[near].astype(np.int32), pull)
 
     def place(self, fine: np.ndarray, driven: np.ndarray, handles: np.ndarray) -> None:
         """Put the handles of an upscaled field ``(B, 3, H, W)`` where they are driven, ``(B, N, 3)``.
 
         What is missing by more than rounding is shared with the free vertices around.
         """
-        if not len(handles):
-            return
-        flat, driven = fine.reshape(len(fine), 3, -1), driven.transpose(0, 2, 1)
-        missing = (driven - flat[:, :, handles]).astype(np.float32)
-        if np.abs(missing).max() > ROUNDING:
-            flat[:, :, self.near] += self.pull * missing[:, :, self.guides]
-        flat[:, :, handles] = driven
+        place(fine, driven, handles, self.near, self.guides, self.pull, ROUNDING)
 
     def offsets(self, fine: np.ndarray, coarse: np.ndarray, handles: tuple[int, ...]) -> np.ndarray:
         """Where the coarse vertices are from what they follow, ``(B, N, 3)`` [m]; 0 where they are the same vertex."""

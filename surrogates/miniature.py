@@ -89,7 +89,7 @@ class MiniatureBackend:
         coarse, self._handles = coarse_scene(scene, factor, self._effective(scene.material))
         self.coarse = reference(coarse, num_envs=num_envs, solver=solver, **(solver_kwargs or {}))
         self._up = Resampler(coarse.grid, scene.grid, UPSCALERS[upscaler])
-        self._held = np.array(scene.handles, np.intp)
+        self._held = np.array(scene.handles, np.int32)
         self._state: State | None = None
 
     def _effective(self, material: Material) -> Material:
