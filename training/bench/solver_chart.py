@@ -59,7 +59,7 @@ def draw(
             on = [i for i in range(len(y)) if y[i] == min(y[: i + 1])]
             axes.plot([x[i] for i in on], [y[i] for i in on], color=color, lw=1.2, zorder=2)
             handles[name] = Line2D([], [], lw=1.2, **style)
-            late = [r for r in shown if abs(r.slow) > TOLERANCE]
+            late = [r for r in shown if r.failure or abs(r.slow) > TOLERANCE]
             axes.plot(
                 [r.ms_median for r in late], [_error(r, frames) for r in late],
                 ls="", marker=marker, ms=5, mfc="white", mec=color, mew=1.1, zorder=4,
