@@ -45,7 +45,9 @@ def draw(rows: Sequence[Any], paths: Sequence[Path], *, note: str) -> None:
         axes.set_xscale("log")
         axes.set_yscale("log")
         low, high = limits(min(r.ms for r in mine), max(r.ms for r in mine), 0.1)
-        axes.set_xlim(low, high * (high / low) ** 0.45)  # room for the names
+        axes.set_xlim(low, high * (high / low) ** 0.62)  # room for the names
+        axes.set_xticks([t for t in 10.0 ** np.arange(-3, 6) if low <= t <= high])
+        axes.set_xticks([], minor=True)
         axes.set_ylim(limits(min(r.error for r in mine), max(r.error for r in mine), 0.08))
         floor = next(r.floor_early_mm for r in rows if r.scene == scene)
         if floor > axes.get_ylim()[0]:
@@ -87,20 +89,19 @@ def draw(rows: Sequence[Any], paths: Sequence[Path], *, note: str) -> None:
 
 
 def _label(axes: Any) -> None:
-    """The curves' names to the right of their slow ends, moved apart."""
-    from matplotlib.patheffects import withStroke
-
+    """The curves' names in a column at the right, each led to its curve's slow end."""
     pixels = axes.transData.transform([end[:2] for end in axes.ends])
     dpi = axes.figure.dpi / 72
-    for (x, y, name, color), (_, here), at in zip(axes.ends, pixels, spread(pixels[:, 1], 11 * dpi), strict=True):
+    column = pixels[:, 0].max() + 12 * dpi
+    for (x, y, name, color), at in zip(axes.ends, spread(pixels[:, 1], 10.5 * dpi), strict=True):
+        place = axes.transData.inverted().transform((column, at))
         axes.annotate(
             name,
             (x, y),
-            (7, (at - here) / dpi),
-            textcoords="offset points",
+            place,
             va="center",
             fontsize=7.5,
             color=color,
             zorder=4,
-            path_effects=[withStroke(linewidth=2.5, foreground="white")],
+            arrowprops={"arrowstyle": "-", "color": color, "lw": 0.6, "alpha": 0.6, "shrinkA": 1, "shrinkB": 5},
         )
