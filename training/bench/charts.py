@@ -90,9 +90,8 @@ def panel(axes: Any, rows: Sequence[Summary], *, value: str = "error") -> dict[s
     axes.set_xlim(left, right)
     if floor > bottom:
         axes.axhspan(bottom, floor, color=FLOOR, alpha=0.5, lw=0, zorder=1)
-    elif floor > 0:
-        axes.text(0.985, 0.02, f"chaos floor {floor:.1g} %, below", transform=axes.transAxes, ha="right", va="bottom",
-                  fontsize=6.5, color=SOFT)  # fmt: skip
+    if floor > 0:
+        axes.set_title(f"chaos floor {floor:.1g} %", loc="right", fontsize=6.5, color=SOFT, pad=4)
     best = front(rows, value)
     if len(best) > 1:
         axes.step([r.ms_median for r in best], [getattr(r, value) for r in best], where="post", color=FRONT, lw=6,
@@ -111,13 +110,15 @@ def _beside(axes: Any, rows: Sequence[Summary], oracle: Sequence[Summary], value
 
     halo = [withStroke(linewidth=2, foreground="white")]
     left, right = axes.get_xlim()
+    lines = [getattr(r, value) for r in rows if r.family in LINES]
     for r in rows:
         at = getattr(r, value)
+        top = bool(lines) and at == max(lines)
         if r.family in LINES and value == "error":
             axes.axhline(at, color=SOFT, ls=(0, (1, 2)), lw=0.9, zorder=2)
             axes.annotate(
-                LINES[r.family], (right, at), (-2, 1.5), textcoords="offset points", ha="right", va="bottom",
-                fontsize=6.5, color=SOFT, path_effects=halo, zorder=5,
+                LINES[r.family], (right, at), (-2, 1.5 if top else -2), textcoords="offset points", ha="right",
+                va="bottom" if top else "top", fontsize=6.5, color=SOFT, path_effects=halo, zorder=5,
             )  # fmt: skip
         if r.family in LABELLED and np.isfinite(r.ms_median):
             axes.annotate(

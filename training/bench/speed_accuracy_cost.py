@@ -13,8 +13,9 @@ from cloth_envs.state import Controls, State
 from training.bench.speed_accuracy_methods import Job, Method
 from training.bench.speed_accuracy_windows import Windows, rounded
 
-RUNS, TIMED = 7, 10  # timed runs after one that warms up, and frames in each
-SLOW, TIMED_SLOW = 50.0, 3  # ms a frame; frames of a run that takes longer
+RUNS = 7  # timed, after one that warms up
+RUN_MS, LEAST, MOST = 40.0, 3, 400  # ms that a run is to last; frames in it at least and at most
+SLOW = 50.0  # ms a frame
 BUSY = 0.95  # of a frame's wall clock that one thread computes; below, others had the processor
 
 
@@ -48,16 +49,20 @@ class Cost:
 COST_KEY = ("scene", "rows", "cols", "family", "options", "batch", "threads")
 
 
-def timed_run(backend: Any, start: State, controls: Sequence[Controls], alone: bool) -> tuple[np.ndarray, bool]:
+def timed_run(
+    backend: Any, start: State, controls: Sequence[Controls], count: int, alone: bool
+) -> tuple[np.ndarray, bool]:
     """Median seconds of a frame, of its step and of its upscaling; and whether others disturbed every frame.
 
-    ``alone``: one thread computes, and frames that it shared the processor in can be told.
+    ``count`` frames are timed, from the start again where ``controls`` end. ``alone``: one thread computes, and
+    frames that it shared the processor in can be told.
     """
-    backend.reset(start)
     frames, shares = [], []
-    for control in controls:
+    for number in range(count):
+        if number % len(controls) == 0:
+            backend.reset(start)
         own, begin = thread_time(), perf_counter()
-        state = backend.advance(control)
+        state = backend.advance(controls[number % len(controls)])
         middle = perf_counter()
         state.positions, state.velocities  # noqa: B018  a lazy backend infers them now
         end = perf_counter()
@@ -83,12 +88,12 @@ def cost(
         for i, backend in enumerate(built):
             if isinstance(backend, str):
                 continue
-            taken, bad = timed_run(backend, start, controls[: count[i] or 2], threads == 1)
+            taken, bad = timed_run(backend, start, controls, count[i] or LEAST, threads == 1)
             if run:
                 times[i].append(taken * 1e3 / batch)
                 disturbed[i] += bad
             else:
-                count[i] = TIMED_SLOW if taken[0] * 1e3 > SLOW else TIMED
+                count[i] = int(np.clip(RUN_MS / (taken[0] * 1e3), LEAST, MOST))
     out = []
     for i, (method, backend) in enumerate(zip(methods, built, strict=True)):
         table = np.array(times[i]) if times[i] else np.full((1, 3), np.nan)
