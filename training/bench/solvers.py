@@ -136,8 +136,9 @@ def draw(summaries: list[summary.Summary], rows: list[chaos.Floor], out: Path, p
             floors[scene] = chaos.floor(scene, CHART_FRAMES)
     note = (
         f"Mean distance of the vertices from the truth, {CHART_FRAMES} frames after restarts from it. Hollow: within "
-        "0.5 s a run failed, or the\nmean height lags (or leads) the truth's by over 5 % of its way. Grey: below the chaos "
-        f"floor, where errors mean nothing.\n{processor}, one thread{'. QUICK: coarse grids, few settings' * quick}."
+        "0.5 s a run failed, or the\nmean height lags (or leads) the truth's by over 5 % of its way. Grey: below the "
+        "chaos floor, where errors mean nothing.\n"
+        f"{processor}, one thread{'. QUICK: coarse grids, few settings' * quick}."
     )
     paths = [out / f"solvers.{kind}" for kind in ("png", "svg")]
     solver_chart.draw(summaries, floors, paths, frames=CHART_FRAMES, note=note)
