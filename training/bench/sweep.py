@@ -128,7 +128,7 @@ def _mark(cell: Cell) -> str:
 def table(rows: Sequence[Cell]) -> str:
     """A letter a cell, doubled where the mean height is off by over 20 %; in words those that did not survive."""
     factors = {axis: [f for f in AXES[axis] if f != 1 or axis == "stiffness"] for axis in AXES}
-    legend = ", ".join(f"{mark} {name}" for name, mark in MARKS.items())
+    legend = ", ".join(f"{mark} {name}" for name, mark in MARKS.items()) + "; doubled: by over 20 %"
     lines = [legend, f"{'':34s}" + "".join(f"{axis:>{5 * len(factors[axis])}s}  " for axis in AXES)]
     heads = (" ".join(f"{f'{f:.2g}':>4s}" for f in factors[axis]) for axis in AXES)
     lines.append(f"{'':35s}" + "   ".join(heads))
