@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from cloth_envs.commands.chart import GRID, INK, import_figure, limits
-from training.bench.speed_accuracy_methods import ORACLE
+from training.bench.speed_accuracy_methods import FLOOR, ORACLE
 from training.bench.speed_accuracy_summary import Summary, factor_of, front
 
 WIDTH, COLUMNS, PANEL = 7.2, 2, 2.55  # inches: the width of a page, and the height of a panel
-FLOOR, SOFT, FRONT = "#b9c2c9", "#66727c", "#f6e8b1"
+SHADE, SOFT, YELLOW = "#b9c2c9", "#66727c", "#f6e8b1"
 MOST = 120.0  # % of the length; what is farther off is not drawn
 OVERVIEW_FRAMES = 5
 
@@ -49,6 +49,26 @@ LINES = {"repeat last frame": "last frame again", "constant velocity": "constant
 LABELLED = ("miniature similar",)  # whose points tell their grid factor
 
 
+def _curve(axes: Any, curve: Curve, rows: Sequence[Summary], value: str) -> Any:
+    """Points of one family joined in the order of their time; returns its entry of the legend."""
+    from matplotlib.lines import Line2D
+
+    x, y = [r.ms_median for r in rows], [getattr(r, value) for r in rows]
+    look: dict[str, Any] = {"color": curve.color, "ls": curve.line, "lw": 0.8 if curve.small else 1.3}
+    edge = curve.color if curve.marker in "+12" else "white"
+    dot: dict[str, Any] = {"marker": curve.marker, "ms": 4 if curve.small else 5.5, "mec": edge, "mew": 0.7}
+    axes.plot(x, y, zorder=3, **look)
+    axes.hlines(y, [r.ms_q1 for r in rows], [r.ms_q3 for r in rows], color=curve.color, lw=0.8, zorder=3)
+    for row, *at in zip(rows, x, y, strict=True):
+        own = dict(dot)
+        if row.failure:
+            own |= {"marker": "x", "mec": curve.color}
+        elif not row.passes:
+            own |= {"mfc": "white", "mec": curve.color, "mew": 1.0}
+        axes.plot(*at, color=curve.color, zorder=4, **own)
+    return Line2D([], [], **look, **dot)
+
+
 def panel(axes: Any, rows: Sequence[Summary], *, value: str = "error") -> dict[str, Any]:
     """Draw one scene at one horizon (``value="error"``) or its long runs (``"long"``); returns the legend's entries."""
     rows = [r for r in rows if 0 < getattr(r, value) <= MOST or (value == "long" and getattr(r, value) > 0)]
@@ -61,26 +81,10 @@ def panel(axes: Any, rows: Sequence[Summary], *, value: str = "error") -> dict[s
         return handles
     for family, curve in CURVES.items():
         mine = sorted((r for r in shown if r.family == family), key=lambda r: r.ms_median)
-        if not mine:
-            continue
-        x, y = [r.ms_median for r in mine], [getattr(r, value) for r in mine]
-        (line,) = axes.plot(x, y, color=curve.color, ls=curve.line, lw=0.8 if curve.small else 1.3, zorder=3)
-        axes.hlines(y, [r.ms_q1 for r in mine], [r.ms_q3 for r in mine], color=curve.color, lw=0.8, zorder=3)
-        for r, at_x, at_y in zip(mine, x, y, strict=True):
-            marker = "x" if r.failure else curve.marker
-            hollow = not r.passes and not r.failure
-            axes.plot(
-                at_x, at_y, marker=marker, ms=4 if curve.small else 5.5, color=curve.color,
-                mfc="white" if hollow else curve.color,
-                mec=curve.color if hollow or marker in "x+12" else "white", mew=1.0 if hollow else 0.7, zorder=4,
-            )  # fmt: skip
-        from matplotlib.lines import Line2D
-
-        handles[curve.name] = Line2D(
-            [], [], color=curve.color, ls=curve.line, lw=line.get_linewidth(), marker=curve.marker,
-            ms=4 if curve.small else 5.5, mec=curve.color if curve.marker in "+12" else "white", mew=0.7,
-        )  # fmt: skip
-    floor = max(r.floor for r in rows) if value == "error" else _long_floor(rows)
+        if mine:
+            handles[curve.name] = _curve(axes, curve, mine, value)
+    longs = [r.long for r in rows if r.family == FLOOR]
+    floor = max([r.floor for r in rows] if value == "error" else longs, default=np.nan)
     values = [getattr(r, value) for r in rows if r.family in CURVES or r.family in LINES]
     oracle = [r for r in rows if r.family == ORACLE and '"bicubic"' in r.options] if value == "error" else []
     low = min([*values, *(getattr(r, value) for r in oracle)])
@@ -89,19 +93,15 @@ def panel(axes: Any, rows: Sequence[Summary], *, value: str = "error") -> dict[s
     left, right = limits(min(r.ms_median for r in shown), max(r.ms_median for r in shown), 0.07)
     axes.set_xlim(left, right)
     if floor > bottom:
-        axes.axhspan(bottom, floor, color=FLOOR, alpha=0.5, lw=0, zorder=1)
+        axes.axhspan(bottom, floor, color=SHADE, alpha=0.5, lw=0, zorder=1)
     if floor > 0:
         axes.set_title(f"chaos floor {floor:.1g} %", loc="right", fontsize=6.5, color=SOFT, pad=4)
     best = front(rows, value)
     if len(best) > 1:
-        axes.step([r.ms_median for r in best], [getattr(r, value) for r in best], where="post", color=FRONT, lw=6,
+        axes.step([r.ms_median for r in best], [getattr(r, value) for r in best], where="post", color=YELLOW, lw=4,
                   zorder=1.5, solid_capstyle="round", solid_joinstyle="round")  # fmt: skip
     _beside(axes, rows, oracle, value)
     return handles
-
-
-def _long_floor(rows: Sequence[Summary]) -> float:
-    return next((r.long for r in rows if r.family == "chaos floor"), np.nan)
 
 
 def _beside(axes: Any, rows: Sequence[Summary], oracle: Sequence[Summary], value: str) -> None:
@@ -156,7 +156,7 @@ NOTE = (
 def finish(figure: Any, note: str, paths: Sequence[Path]) -> None:
     """The note below the panels, then the files."""
     figure.supxlabel("wall-clock time of a simulated frame, one thread [ms]", fontsize=8.5, color=INK)
-    text = "\n".join(textwrap.wrap(note, 128))
+    text = "\n".join(textwrap.wrap(note, 140))
     figure.text(0.01, -0.01, text, fontsize=7, color=SOFT, va="top", ha="left", linespacing=1.35)
     for path in paths:
         figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.1, facecolor="white")
