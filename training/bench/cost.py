@@ -22,7 +22,7 @@ HORIZONS = (1, 5, 10)  # frames
 REFINE = 16
 WINDOW = 0.5  # s; the mean height is compared at its end
 STARTS = (1.0, 2.0, 0.0)  # s of the episode; errors are told of those that have settled in
-LIMIT = 15.0  # s of the processor, for a configuration on a scene
+LIMIT = 10.0  # s of the processor, for a configuration on a scene
 TOLERANCE = 0.05  # of the way that the mean height goes; more is slow motion
 
 
