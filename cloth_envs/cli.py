@@ -150,8 +150,13 @@ def parser() -> argparse.ArgumentParser:
     sub = command("compare", _compare, "One scene with several backends or resolutions: video, table, chart.")
     episode(sub)
     sub.add_argument("--frames", type=_count, default=120, help="length of the run (default 120)")
-    sub.add_argument("--backends", metavar="A,B", default="", help="each at every resolution (default reference)")
-    sub.add_argument("--resolutions", metavar="RxC,RxC", default="", help="default: full, and 2, 3, 4 times coarser")
+    sub.add_argument(
+        "--backends",
+        metavar="A,B",
+        default="",
+        help="each at every resolution (none: four usual ones)",
+    )
+    sub.add_argument("--resolutions", metavar="RxC,RxC", default="", help="default: the scene's own")
     sub.add_argument("--entry", metavar="NAME[@RxC][:JSON]", action="append", default=[], help="one more; may repeat")
     sub.add_argument(
         "--horizon", type=_count, default=10, help="of the chart's error [frames]: 1, 5, 10 (default) or 25"

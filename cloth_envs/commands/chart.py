@@ -76,7 +76,7 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
         for r in comparison.results
         if not any(r is s for s in shown)
     ]
-    backends = list(dict.fromkeys(r.entry.backend for r in comparison.results))
+    curves = list(dict.fromkeys(r.entry.curve for r in comparison.results))
     figure = figure_class(figsize=(WIDTH, HEIGHT), layout="constrained")
     axes = figure.add_subplot()
     axes.set_xscale("log")
@@ -84,9 +84,9 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
     times = np.array([r.ms for r in shown]).reshape(-1, 3)
     errors = np.array([100 * r.errors[:, column] for r in shown]).reshape(len(shown), -1)
     mean = errors.mean(1)
-    for backend in backends:
-        mine = [i for i, r in enumerate(shown) if r.entry.backend == backend]
-        color = COLORS[backends.index(backend) % len(COLORS)]
+    for number, curve in enumerate(curves):
+        mine = [i for i, r in enumerate(shown) if r.entry.curve == curve]
+        color = COLORS[number % len(COLORS)]
         line = sorted(mine, key=lambda i: times[i, 1])
         axes.plot(times[line, 1], mean[line], color=color, lw=1.2, alpha=0.45, zorder=1)
         axes.errorbar(
@@ -94,7 +94,7 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
             mean[mine],
             xerr=np.abs(times[mine][:, [0, 2]] - times[mine, 1:2]).T,
             yerr=np.abs(np.stack([errors[mine].min(1), errors[mine].max(1)]) - mean[mine]),
-            fmt=MARKERS[backends.index(backend) % len(MARKERS)],
+            fmt=MARKERS[number % len(MARKERS)],
             color=color,
             ms=8,
             mec="white",

@@ -12,7 +12,13 @@ from cloth_envs.material import Material
 from cloth_envs.registry import load_backend, load_task
 from cloth_envs.world import World
 
-COARSER = (1, 2, 3, 4)  # by default, full resolution and grids this many times coarser
+# Compared by default: backends and their keywords, at the scene's resolution.
+USUAL: tuple[tuple[str, dict[str, Any]], ...] = (
+    ("reference", {}),
+    ("reference", {"solver": "admm", "iterations": 10}),
+    ("miniature", {"factor": 2, "scaling": "calibrated"}),
+    ("miniature", {"factor": 4, "scaling": "calibrated"}),
+)
 # Same mesh and energy as the full resolution, a quarter of its step, in double precision.
 TRUTH_KWARGS = {"dtype": "float64", "refine": 4}
 
@@ -27,9 +33,15 @@ class Entry:
 
     @property
     def label(self) -> str:
-        """``reference 17x25``, and the keywords if there are any."""
-        extra = "".join(f" {name}={value}" for name, value in self.backend_kwargs.items())
+        """``reference 17x25``, and the keywords if there are any; of those that are words only the value."""
+        given = self.backend_kwargs.items()
+        extra = "".join(f" {value}" if isinstance(value, str) else f" {name}={value}" for name, value in given)
         return f"{self.backend} {self.resolution[0]}x{self.resolution[1]}{extra}"
+
+    @property
+    def curve(self) -> tuple[object, ...]:
+        """What entries of one curve share: the backend and the keywords that are words, such as the solver."""
+        return self.backend, *((n, v) for n, v in sorted(self.backend_kwargs.items()) if isinstance(v, str))
 
     def world(self, scene: str, material: Material | str | Mapping[str, float] | None) -> World:
         """The scene with this entry's physics.
@@ -95,16 +107,16 @@ def read_entry(text: str, full: tuple[int, int]) -> Entry:
 def choose_entries(
     scene: str, *, backends: Sequence[str] = (), resolutions: Sequence[str] = (), entries: Sequence[str] = ()
 ) -> list[Entry]:
-    """Every backend at every resolution, then ``entries``; by default the reference, full and coarser.
+    """Every backend at every resolution, then ``entries``; by default ``USUAL``.
 
     Raises:
         ValueError: an unknown scene or backend, or a resolution in another form.
     """
     full = load_task(scene).resolution
     shapes = [read_resolution(text) for text in resolutions]
-    if not shapes:
-        plain = not backends and not entries
-        shapes = [coarser(full, factor) for factor in COARSER] if plain else [full]
+    if not shapes and not backends and not entries:
+        return [Entry(name, full, options) for name, options in USUAL]
+    shapes = shapes or [full]
     names = list(backends) or (["reference"] if resolutions or not entries else [])
     for name in names:
         load_backend(name)
