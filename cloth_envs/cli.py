@@ -18,6 +18,7 @@ BENCHMARKS = {
     "solvers": "training.bench.solvers:main",
     "speed-accuracy": "training.bench.speed_accuracy:main",
     "tables": "training.bench.tables:main",
+    "stability": "training.bench.stability:main",
     "throughput": "training.bench.throughput:main",
 }
 
