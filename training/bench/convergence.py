@@ -21,6 +21,7 @@ LIMIT = 64  # the limit's substeps are the stable step over this
 FRAMES = 5
 START = 1.0  # s of the episode
 COARSE = 2  # grids of half the resolution: the limit in the step does not ask for a fine one
+SLOW = 4.0  # s of the processor for a frame; slower ones are left out and say so
 FLOOR = "chaos floor"
 
 
@@ -66,10 +67,16 @@ def run(store: Store[Point], cases: Sequence[Case], configs: Sequence[Config], c
                 backend, error, ms = build(config, scene), np.nan, np.nan
                 failure = backend if isinstance(backend, str) else ""
                 if not isinstance(backend, str):
-                    frames = list(replay(backend, start, controls))
-                    error = vertex_error(scene, frames[-1][0], truth.states[begin + FRAMES])
-                    ms = milliseconds([seconds.cpu for _, seconds in frames])
-                    failure = "" if np.isfinite(error) else "non-finite"
+                    times = []
+                    for state, seconds in replay(backend, start, controls):
+                        times.append(seconds.cpu)
+                        if seconds.cpu > SLOW:
+                            failure = f"left out: {seconds.cpu:.1f} s a frame"
+                            break
+                    else:
+                        error = vertex_error(scene, state, truth.states[begin + FRAMES])
+                        failure = "" if np.isfinite(error) else "non-finite"
+                    ms = milliseconds(times)
                 store.add(
                     Point(
                         case.scene,
@@ -114,7 +121,7 @@ def ladders(points: Sequence[Point]) -> list[Ladder]:
         for options, error in errors.items():
             parsed: dict[str, Any] = json.loads(options)
             for name, value in parsed.items():
-                if not isinstance(value, str):
+                if not isinstance(value, str) and np.isfinite(error):
                     others = json.dumps({k: v for k, v in parsed.items() if k != name})
                     groups.setdefault((name, others), {})[float(value)] = error
         for (name, others), found in sorted(groups.items()):
@@ -144,6 +151,7 @@ def table(points: Sequence[Point]) -> str:
             best = min(
                 (p for p in mine if p.solver == solver and np.isfinite(p.error)), key=lambda p: p.error, default=None
             )
+            lines += [f"  {label(solver, p.options)}: {p.failure}" for p in mine if p.solver == solver and p.failure]
             if best:
                 lines.append(
                     f"  nearest: {label(solver, best.options)}, {100 * best.error:.2g} % (step {best.step_ms:.3g} ms)"
