@@ -11,7 +11,7 @@ import numpy as np
 
 from cloth_envs.backend import make_backend
 from cloth_envs.physics.solver import reference
-from cloth_envs.resample import resample, weights
+from cloth_envs.resample import Resampler, resample, weights
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from surrogates.coarse import coarse_grid, coarse_scene
@@ -41,35 +41,14 @@ class Extrapolation:
         return self._state
 
 
-class Coarser:
-    """The explicit reference on a grid ``factor`` (any number above 1) times coarser, interpolated: the miniature
-    without its whole factors.
-    """
+class Coarser(MiniatureBackend):
+    """The similar miniature of any ``factor`` above 1, such as 1.5."""
 
     def __init__(self, scene: Scene, *, num_envs: int, factor: float, upscaler: str) -> None:
+        super().__init__(scene, num_envs=num_envs, upscaler=upscaler)
         coarse, self._handles = coarse_scene(scene, factor, scene.material)  # type: ignore[arg-type]
-        self.scene, self.coarse = scene, reference(coarse, num_envs=num_envs)
-        up = weights(coarse.grid, scene.grid, UPSCALERS[upscaler])
-        self._rows, self._cols = up[0].astype(np.float32), np.ascontiguousarray(up[1].astype(np.float32).T)
-        self._held = np.array(scene.handles, np.intp)
-
-    def reset(self, state: State) -> None:
-        grid = self.coarse.scene.grid
-        fields = {n: resample(getattr(state, n), self.scene.grid, grid) for n in ("positions", "velocities")}
-        small = {n: np.ascontiguousarray(field) for n, field in fields.items()}
-        self.coarse.reset(State(**(state.arrays() | small)))
-        self._offsets = self._handles.offsets(state.positions, small["positions"], self.scene.handles)
-
-    def advance(self, controls: Controls) -> State:
-        coarse = self.coarse.advance(self._handles.controls(controls, self._offsets))
-        driven = {"positions": controls.handle_positions, "velocities": controls.handle_velocities}
-
-        def upscale(name: str) -> np.ndarray:
-            fine = self._rows @ getattr(coarse, name) @ self._cols
-            self._handles.place(fine, driven[name], self._held)
-            return fine
-
-        return UpscaledState(coarse, upscale)
+        self.coarse = reference(coarse, num_envs=num_envs)
+        self._up = Resampler(coarse.grid, scene.grid, UPSCALERS[upscaler])
 
 
 class Offset:
