@@ -67,14 +67,14 @@ def run(store: Store[Point], cases: Sequence[Case], configs: Sequence[Config], c
                 backend, error, ms = build(config, scene), np.nan, np.nan
                 failure = backend if isinstance(backend, str) else ""
                 if not isinstance(backend, str):
-                    times = []
-                    for state, seconds in replay(backend, start, controls):
+                    end, times = start, []
+                    for end, seconds in replay(backend, start, controls):
                         times.append(seconds.cpu)
                         if seconds.cpu > SLOW:
                             failure = f"left out: {seconds.cpu:.1f} s a frame"
                             break
                     else:
-                        error = vertex_error(scene, state, truth.states[begin + FRAMES])
+                        error = vertex_error(scene, end, truth.states[begin + FRAMES])
                         failure = "" if np.isfinite(error) else "non-finite"
                     ms = milliseconds(times)
                 store.add(
