@@ -12,7 +12,7 @@ from training.bench.stability_rows import Cell, Mark, marks
 from training.bench.stability_scores import REASONS
 from training.bench.stability_worlds import AXES, DURATION, LENGTHS, Axis
 
-WIDTH, COLUMNS, LINE, HEAD = 7.2, 2, 0.17, 0.52  # inches: the width of a page, a line of a panel, what is around it
+WIDTH, COLUMNS, LINE, HEAD = 7.2, 2, 0.158, 0.47  # inches: the width of a page, a line of a panel, what is around it
 SOFT = "#66727c"
 DARK = 0.62  # of the colours, above which letters are dark
 NOTE = (
@@ -21,7 +21,8 @@ NOTE = (
     "its length), energy (a jump, or twice the truth's kinetic energy and 1 J/kg), tunnel (a body went through the "
     "cloth), momentum (1 % from nowhere). Wrong are slow and fast (mean height behind or ahead by over 5 % of its way "
     "within 0.5 s), error (vertices 5 % of the length off after 0.2 s), strain (p99 over twice the truth's and 5 "
-    "points), drift (0.25 m g H from nowhere). Truth: explicit at half its stable step, on the same grid."
+    "points), drift (0.25 m g H from nowhere). Truth: explicit at half its stable step, on the same grid; *: in "
+    "some of the cell's worlds it fails itself."
 )
 
 
@@ -39,13 +40,14 @@ def draw(rows: Sequence[Cell], paths: Sequence[Path], *, seeds: int, quick: bool
     for number, (axes, name) in enumerate(zip(panels, shown, strict=False)):
         scenes = list(dict.fromkeys(r.scene for r in rows if r.axis == name))
         panel(axes, AXES[name], {key[1:]: m for key, m in found.items() if key[0] == name}, backends)
-        axes.set_title(f"{AXES[name].title}", loc="left", fontsize=8, fontweight="bold", color=INK, pad=12)
-        axes.text(1.0, 1.13, ", ".join(scenes), transform=axes.transAxes, ha="right", fontsize=6.5, color=SOFT)
+        axes.set_title(AXES[name].title, loc="left", fontsize=8, fontweight="bold", color=INK, pad=12)
+        names = ", ".join(scenes) if len(scenes) < 4 else f"{len(scenes)} scenes"
+        axes.text(1.0, 1.13, names, transform=axes.transAxes, ha="right", fontsize=6.5, color=SOFT)
         if number % COLUMNS:
             axes.set_yticklabels([])
     how = (
         f"Runs of {DURATION:g} s and {LENGTHS[-1]} frames (length, no force), {seeds} "
-        f"seed{'s' * (seeds > 1)} a scene{', QUICK: grids four times coarser, ends of the axes' if quick else ''}. "
+        f"seed{'s' * (seeds > 1)} a scene{', QUICK: coarser grids, ends of the axes' if quick else ''}. "
     )
     figure.text(
         0.005, -0.005, "\n".join(textwrap.wrap(how + NOTE, 140)), fontsize=6.5, color=SOFT, va="top", linespacing=1.35
@@ -70,9 +72,10 @@ def panel(axes: Any, axis: Axis, found: dict[tuple[str, float], Mark], backends:
             axes.fill([col - 0.5, col + 0.5, col + 0.5, col - 0.5], [row - 0.5, row - 0.5, row + 0.5, row + 0.5],
                       facecolor=color, edgecolor="white", lw=1.0)  # fmt: skip
             if mark.reason:
-                word = REASONS[mark.reason]
+                word = REASONS[mark.reason] + "*" * bool(mark.hopeless)
                 text = f"{word} {mark.passed}/{mark.runs}" if mark.passed else word
-                axes.text(col, row, text, ha="center", va="center", fontsize=4.8,
+                size = 4.7 if len(text) > 60 / len(levels) else 5.3
+                axes.text(col, row, text, ha="center", va="center", fontsize=size,
                           color=INK if mark.score > DARK else "white")  # fmt: skip
     axes.set_xlim(-0.5, len(levels) - 0.5)
     axes.set_ylim(len(backends) - 0.5, -0.5)

@@ -41,7 +41,7 @@ class Mark:
     """Of all scenes and seeds at one level: how many ``passed`` and ``survived`` of ``runs``.
 
     What is merely wrong (``SOFT``) survived. ``reason`` is the commonest of those that did not pass, ``reasons``
-    counts them all, ``failed_at`` is their median time to failure [s].
+    counts them all, ``failed_at`` is their median time to failure [s]; in ``hopeless`` ones the truth failed too.
     """
 
     passed: int
@@ -50,6 +50,7 @@ class Mark:
     reason: str
     reasons: str
     failed_at: float
+    hopeless: int
 
     @property
     def score(self) -> float:
@@ -74,6 +75,7 @@ def marks(rows: Sequence[Cell]) -> dict[tuple[str, str, float], Mark]:
             counts[0][0] if counts else "",
             ", ".join(f"{name} {n}" for name, n in counts),
             float(np.median([r.failed_at for r in failed])) if failed else float("nan"),
+            sum(bool(r.truth) for r in failed),
         )
     return out
 
@@ -97,6 +99,7 @@ def table(rows: Sequence[Cell]) -> str:
             )
             lines += [
                 f"{'':24s}  {axis.label(level)}: {m.reasons}, after {m.failed_at:.2g} s"
+                + (f" (the truth fails in {m.hopeless})" if m.hopeless else "")
                 for level, m in zip(levels, some, strict=True)
                 if m and m.reasons
             ]

@@ -221,7 +221,7 @@ AXES: dict[str, Axis] = {
     "direction": Axis("wind turned [degrees]", (0, 45, 90, 135, 180), _turned, ("Flag",), "{:g}".format),
     "pressure": Axis("pressure", (0, 1 / 2, 1, 2, 3, 4), _pressure, ("Pressure",)),
     "ball speed": Axis(
-        f"speed of a ball, radius {BALL_RADIUS:g} m [m/s]", (1, 2, 4, 8, 16, 32), _ball_speed, ("Collision",),
+        f"speed of a ball, radius {BALL_RADIUS:g} m [m/s]", (1, 2, 4, 8, 16, 24), _ball_speed, ("Collision",),
         "{:g}".format,
     ),
     "ball radius": Axis(
