@@ -98,13 +98,13 @@ class World(NamedTuple):
 
 
 def worlds(scenes: Sequence[str] | None, axes: Sequence[str], seeds: Sequence[int], *, ends: bool) -> list[World]:
-    """Every world in ``scenes`` (default: each axis's usual ones); of the axes only the ``ends``."""
+    """Every world in ``scenes`` (default: each axis's usual ones), seed by seed; of the axes only the ``ends``."""
     return [
         World(name, level, scene, seed)
+        for seed in seeds
         for name in axes
         for scene in AXES[name].of(scenes)
         for level in AXES[name].runs(ends=ends)
-        for seed in seeds
     ]
 
 
