@@ -67,16 +67,17 @@ def run(store: Store[Point], cases: Sequence[Case], configs: Sequence[Config], c
                 backend, error, ms = build(config, scene), np.nan, np.nan
                 failure = backend if isinstance(backend, str) else ""
                 if not isinstance(backend, str):
-                    end, times = start, []
-                    for end, seconds in replay(backend, start, controls):
-                        times.append(seconds.cpu)
-                        if seconds.cpu > SLOW:
-                            failure = f"left out: {seconds.cpu:.1f} s a frame"
+                    frames = []
+                    for frame in replay(backend, start, controls):
+                        frames.append(frame)
+                        if frame[1].cpu > SLOW:
                             break
+                    ms = milliseconds([seconds.cpu for _, seconds in frames])
+                    if len(frames) < FRAMES:
+                        failure = f"left out: {frames[-1][1].cpu:.1f} s a frame"
                     else:
-                        error = vertex_error(scene, end, truth.states[begin + FRAMES])
+                        error = vertex_error(scene, frames[-1][0], truth.states[begin + FRAMES])
                         failure = "" if np.isfinite(error) else "non-finite"
-                    ms = milliseconds(times)
                 store.add(
                     Point(
                         case.scene,
