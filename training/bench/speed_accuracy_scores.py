@@ -162,23 +162,30 @@ def truth_statistics(windows: Windows, burn_in: int) -> dict[str, np.ndarray]:
     return statistics(windows.scene, windows.truth[burn_in:])
 
 
+def gate_frames(scene: Scene) -> int:
+    """Frames that the height gate looks at."""
+    return round(np.ceil(WINDOW / scene.frame_dt - 1e-9))
+
+
 def long_run(method: Method, windows: Windows, threads: int = 1, burn_in: int = BURN_IN) -> list[Long]:
-    """Run whole episodes; one row for each seed."""
+    """Run whole episodes; one row for each seed. Episodes no longer than ``burn_in`` have a gate and no statistics."""
     scene, truth = windows.scene, windows.truth
     states, reasons = simulate(method, windows, threads)
-    true = truth_statistics(windows, burn_in)
-    scales = {"height": true["height"].std(), "strain": abs(true["strain"]).mean()}
-    scales |= {name: true[name].mean() for name in ("bending", "kinetic")}
+    names, settled = ("height", "bending", "kinetic", "strain"), len(truth) > burn_in + 1
+    if settled:
+        true = truth_statistics(windows, burn_in)
+        scales = {"height": true["height"].std(), "strain": abs(true["strain"]).mean()}
+        scales |= {name: true[name].mean() for name in ("bending", "kinetic")}
     out = []
     for i, (seed, reason) in enumerate(zip(windows.seeds, reasons, strict=True)):
-        parts: dict[str, Any] = dict.fromkeys(true, float("nan"))
-        if not reason:
+        parts: dict[str, Any] = dict.fromkeys(names, float("nan"))
+        if settled and not reason:
             found = statistics(scene, [s.select([i]) for s in states[burn_in:]])
             for name, values in found.items():
                 gaps = np.abs(np.sort(values[0]) - np.sort(true[name][i]))
                 parts[name] = float(gaps.mean() / scales[name])
         gate = float("inf")
-        early = round(np.ceil(WINDOW / scene.frame_dt - 1e-9))
+        early = gate_frames(scene)
         if not failed_by(reason, early):
             run, fell = ([s.select([i]) for s in part[: early + 1]] for part in (states, truth))
             gate = float(slow_motion(scene, run, fell).fraction[0])

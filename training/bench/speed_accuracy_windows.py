@@ -41,6 +41,10 @@ class Windows:
             cut.append([type(i)(**{n: a[:count] for n, a in vars(i).items()}) for i in items])
         return replace(self, seeds=self.seeds[:count], starts=self.starts[:count], controls=cut[0], truth=cut[1])
 
+    def until(self, frames: int) -> Windows:
+        """The first ``frames`` of every stretch."""
+        return replace(self, controls=self.controls[:frames], truth=self.truth[: frames + 1])
+
 
 def gather(cases: Sequence[Case], starts: Sequence[int], frames: int, last: int, cache: Path) -> Windows:
     """Windows of ``frames`` frames from every start of every case; truths reach to frame ``last`` and are cached."""
