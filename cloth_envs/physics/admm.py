@@ -9,9 +9,9 @@ import _minicloth_kernels as kernels
 import numpy as np
 
 from cloth_envs.grid import Grid
-from cloth_envs.material import Material
+from cloth_envs.material import PROPERTIES, Material
 from cloth_envs.physics.modes import capacitance, eigenvalues, modes
-from cloth_envs.physics.solver import Solver, whole_number
+from cloth_envs.physics.solver import Solver, kernel_sheet, kernel_world, whole_number
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -66,31 +66,16 @@ class AdmmSolver(Solver):
     ) -> None:
         super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
         self.iterations, self.substeps = whole_number("iterations", iterations), whole_number("substeps", substeps)
-        wind, grid = scene.wind, scene.grid
+        grid = scene.grid
         self._kernel = _KERNELS[dtype](
-            rows=grid.rows,
-            cols=grid.cols,
-            row_length=grid.row_spacing,
-            col_length=grid.col_spacing,
-            periodic=grid.periodic,
-            frame_dt=scene.frame_dt,
-            gravity=scene.gravity,
-            thickness=scene.thickness,
-            wind_normal=wind.air_density * wind.normal if wind else 0.0,
-            wind_tangential=wind.air_density * wind.tangential if wind else 0.0,
-            wind=wind is not None,
-            pressure=scene.pressure,
-            handles=list(scene.handles),
-            kinds=[body.kind for body in scene.colliders],
-            radii=[body.radius for body in scene.colliders],
-            frictions=[body.friction for body in scene.colliders],
+            **kernel_world(scene),
             substeps=self.substeps,
             iterations=self.iterations,
             weight=WEIGHT,
             row_basis=modes(grid.rows, False)[0],
             col_basis=modes(grid.cols, grid.periodic)[0],
         )
-        self._sheets = np.zeros((num_envs, 6))
+        self._sheets = np.zeros((num_envs, len(PROPERTIES)))
         self._systems: list[object] = [None] * num_envs
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
@@ -98,10 +83,7 @@ class AdmmSolver(Solver):
         scene, h = self.scene, self.scene.frame_dt / self.substeps
         made: dict[Material, object] = {}
         for i, m in zip(which, materials, strict=True):
-            drag = m.drag if scene.drag else 0.0
-            self._sheets[i] = (
-                m.areal_density, m.stretch_stiffness, m.shear_stiffness, m.bend_stiffness, m.damping, drag
-            )  # fmt: skip
+            self._sheets[i] = kernel_sheet(scene, m)
             if m not in made:
                 made[m] = self._kernel.system(*_matrix(scene.grid, m, h, scene.handles))
             self._systems[i] = made[m]

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import _minicloth_kernels as kernels
 import numpy as np
 
-from cloth_envs.material import Material
-from cloth_envs.physics.solver import Solver, whole_number
+from cloth_envs.material import PROPERTIES, Material
+from cloth_envs.physics.solver import Solver, kernel_sheet, kernel_world, whole_number
 from cloth_envs.physics.stability import stable_step
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
@@ -50,36 +50,14 @@ class ExplicitSolver(Solver):
     ) -> None:
         super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
         self._refine, self._wanted = whole_number("refine", refine), substeps
-        wind = scene.wind
-        self._kernel = _KERNELS[dtype](
-            rows=scene.grid.rows,
-            cols=scene.grid.cols,
-            row_length=scene.grid.row_spacing,
-            col_length=scene.grid.col_spacing,
-            periodic=scene.grid.periodic,
-            frame_dt=scene.frame_dt,
-            gravity=scene.gravity,
-            thickness=scene.thickness,
-            wind_normal=wind.air_density * wind.normal if wind else 0.0,
-            wind_tangential=wind.air_density * wind.tangential if wind else 0.0,
-            wind=wind is not None,
-            pressure=scene.pressure,
-            handles=list(scene.handles),
-            kinds=[body.kind for body in scene.colliders],
-            radii=[body.radius for body in scene.colliders],
-            frictions=[body.friction for body in scene.colliders],
-        )
-        self._sheets = np.zeros((num_envs, 7))
+        self._kernel = _KERNELS[dtype](**kernel_world(scene))
+        self._sheets = np.zeros((num_envs, len(PROPERTIES)))
         self.substeps = np.ones(num_envs, np.int32)
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         for i, m in zip(which, materials, strict=True):
-            drag = m.drag if self.scene.drag else 0.0
-            self._sheets[i] = (
-                m.areal_density, m.stretch_stiffness, m.shear_stiffness, m.bend_stiffness, m.damping, drag,
-                m.compression,
-            )  # fmt: skip
+            self._sheets[i] = kernel_sheet(self.scene, m)
             self.substeps[i] = self._count(m)
 
     def _count(self, material: Material) -> int:

@@ -59,6 +59,35 @@ def whole_number(name: str, value: object, least: int = 1) -> int:
     return value
 
 
+def kernel_world(scene: Scene) -> dict[str, Any]:
+    """What every compiled solver of sheets is told of a scene, as keywords."""
+    grid, wind = scene.grid, scene.wind
+    return {
+        "rows": grid.rows,
+        "cols": grid.cols,
+        "row_length": grid.row_spacing,
+        "col_length": grid.col_spacing,
+        "periodic": grid.periodic,
+        "frame_dt": scene.frame_dt,
+        "gravity": scene.gravity,
+        "thickness": scene.thickness,
+        "wind_normal": wind.air_density * wind.normal if wind else 0.0,
+        "wind_tangential": wind.air_density * wind.tangential if wind else 0.0,
+        "wind": wind is not None,
+        "pressure": scene.pressure,
+        "handles": list(scene.handles),
+        "kinds": [body.kind for body in scene.colliders],
+        "radii": [body.radius for body in scene.colliders],
+        "frictions": [body.friction for body in scene.colliders],
+    }
+
+
+def kernel_sheet(scene: Scene, material: Material) -> tuple[float, ...]:
+    """A material as compiled solvers take it: the properties in order, drag only where the scene has it."""
+    values = material.as_dict()
+    return tuple((values | {"drag": values["drag"] * scene.drag}).values())
+
+
 class Solver(ABC):
     """A batch of cloths of one scene and its state; a solver adds how a frame is stepped.
 
