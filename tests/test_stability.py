@@ -227,6 +227,7 @@ def test_marks_count_what_is_wrong_half(curtain: Stage) -> None:
         "backend": "b",
         "level": 1.0,
     }
+    fields["truth"] = ""
     rows = [Cell(**{**fields, "seed": i, "reason": reason}) for i, reason in enumerate(
         ("", "slow motion", "slow motion", "blow-up")
     )]  # fmt: skip

@@ -22,7 +22,7 @@ NOTE = (
     "cloth), momentum (1 % from nowhere). Wrong are slow and fast (mean height behind or ahead by over 5 % of its way "
     "within 0.5 s), error (vertices 5 % of the length off after 0.2 s), strain (p99 over twice the truth's and 5 "
     "points), drift (0.25 m g H from nowhere). Truth: explicit at half its stable step, on the same grid; *: in "
-    "some of the cell's worlds it fails itself."
+    "some worlds of the cell it fails itself, and from then on there is nothing to compare with."
 )
 
 
@@ -71,9 +71,10 @@ def panel(axes: Any, axis: Axis, found: dict[tuple[str, float], Mark], backends:
             color = colors(mark.score)
             axes.fill([col - 0.5, col + 0.5, col + 0.5, col - 0.5], [row - 0.5, row - 0.5, row + 0.5, row + 0.5],
                       facecolor=color, edgecolor="white", lw=1.0)  # fmt: skip
-            if mark.reason:
-                word = REASONS[mark.reason] + "*" * bool(mark.hopeless)
-                text = f"{word} {mark.passed}/{mark.runs}" if mark.passed else word
+            if mark.reason or mark.untold:
+                text = REASONS.get(mark.reason, "") + "*" * bool(mark.untold)
+                if mark.reason and mark.passed:
+                    text += f" {mark.passed}/{mark.runs}"
                 size = 4.7 if len(text) > 60 / len(levels) else 5.3
                 axes.text(col, row, text, ha="center", va="center", fontsize=size,
                           color=INK if mark.score > DARK else "white")  # fmt: skip

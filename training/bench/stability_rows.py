@@ -41,7 +41,8 @@ class Mark:
     """Of all scenes and seeds at one level: how many ``passed`` and ``survived`` of ``runs``.
 
     What is merely wrong (``SOFT``) survived. ``reason`` is the commonest of those that did not pass, ``reasons``
-    counts them all, ``failed_at`` is their median time to failure [s]; in ``hopeless`` ones the truth failed too.
+    counts them all, ``failed_at`` is their median time to failure [s]. In ``untold`` runs the truth itself failed:
+    from then on there was nothing to compare with.
     """
 
     passed: int
@@ -50,7 +51,7 @@ class Mark:
     reason: str
     reasons: str
     failed_at: float
-    hopeless: int
+    untold: int
 
     @property
     def score(self) -> float:
@@ -75,7 +76,7 @@ def marks(rows: Sequence[Cell]) -> dict[tuple[str, str, float], Mark]:
             counts[0][0] if counts else "",
             ", ".join(f"{name} {n}" for name, n in counts),
             float(np.median([r.failed_at for r in failed])) if failed else float("nan"),
-            sum(bool(r.truth) for r in failed),
+            sum(bool(r.truth) for r in mine),
         )
     return out
 
@@ -99,7 +100,7 @@ def table(rows: Sequence[Cell]) -> str:
             )
             lines += [
                 f"{'':24s}  {axis.label(level)}: {m.reasons}, after {m.failed_at:.2g} s"
-                + (f" (the truth fails in {m.hopeless})" if m.hopeless else "")
+                + (f" (the truth fails in {m.untold})" if m.untold else "")
                 for level, m in zip(levels, some, strict=True)
                 if m and m.reasons
             ]
