@@ -52,7 +52,7 @@ def summaries(rows: Sequence[Run]) -> list[Summary]:
         mine = [r for r in rows if (r.scene, r.solver, r.options) == (scene, solver, options)]
         settled = [r for r in mine if r.start_s > 0] or mine
         errors = [float(np.mean([getattr(r, f"error_{h}") for r in settled])) for h in HORIZONS]
-        q1, median, q3 = np.percentile([r.ms for r in mine], [25, 50, 75])
+        q1, median, q3 = np.percentile([r.ms for r in mine], [25, 50, 75])  # NaN of one that never ran
         way = sum(max(abs(r.sank_m), LEAST_FALL * r.length_m) for r in mine)
         lag = sum(r.height_m * np.sign(r.sank_m) for r in mine)
         failed = [r.failure for r in mine if r.failure]
