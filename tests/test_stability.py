@@ -16,7 +16,8 @@ from cloth_envs.state import Controls, State
 from training.bench import stability, stability_chart
 from training.bench.stability import METHODS, Method, main, worlds
 from training.bench.stability_rows import Cell, marks
-from training.bench.stability_scores import HEIGHT, Run, Score, build, pierced, run, score, truths
+from training.bench.stability_runs import Run, build, pierced, run, truths
+from training.bench.stability_scores import HEIGHT, Score, score
 from training.bench.stability_worlds import AXES, LENGTHS, Base, Stage, driven, episode, shot
 from training.bench.store import read_rows
 from training.bench.truth import Case, length, record

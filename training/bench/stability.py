@@ -22,22 +22,8 @@ from training.bench import stability_chart
 from training.bench.speed_accuracy import _list, revision
 from training.bench.speed_accuracy_windows import rounded
 from training.bench.stability_rows import KEY, Cell, Place, table
-from training.bench.stability_scores import (
-    ASTRAY,
-    BUDGETED,
-    BURST,
-    DRIFT,
-    EARLY,
-    GAINED,
-    HEIGHT,
-    SOFT,
-    SPARE,
-    TRUTH,
-    build,
-    run,
-    score,
-    truths,
-)
+from training.bench.stability_runs import BUDGETED, BURST, TRUTH, build, run, truths
+from training.bench.stability_scores import ASTRAY, DRIFT, EARLY, GAINED, HEIGHT, SOFT, SPARE, score
 from training.bench.stability_worlds import AXES, DURATION, Base
 from training.bench.store import Store, read_rows
 from training.bench.verdict import GATE, LIVELY, STRAINED
