@@ -21,7 +21,7 @@ LIMIT = 64  # the limit's substeps are the stable step over this
 FRAMES = 5
 START = 1.0  # s of the episode
 COARSE = 2  # grids of half the resolution: the limit in the step does not ask for a fine one
-SLOW = 4.0  # s of the processor for a frame; slower ones are left out and say so
+SLOW = 1.0  # s of the processor for a frame; slower ones are left out and say so
 FLOOR = "chaos floor"
 
 

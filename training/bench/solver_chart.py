@@ -66,7 +66,7 @@ def draw(
             )  # fmt: skip
         low = 100 * floors[scene] if scene in floors else min(errors)
         axes.set_ylim(limits(min(low, *errors), max(errors)))
-        axes.set_xlim(limits(min(r.ms_median for r in mine), max(r.ms_median for r in mine)))
+        axes.set_xlim(limits(np.nanmin([r.ms_median for r in mine]), np.nanmax([r.ms_median for r in mine])))
         if scene in floors:
             bottom = axes.get_ylim()[0]
             axes.axhspan(bottom, low, color="#9aa5ae", alpha=0.35, lw=0, zorder=1)
