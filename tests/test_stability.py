@@ -220,6 +220,8 @@ def test_quick_run_end_to_end_and_again(
     assert main(argv) == 0
     assert str(read_rows(out / "stability.csv", Cell)) == str(rows)
     assert main(["--chart-only", "--out", str(out), "--images", str(images)]) == 0
+    with pytest.raises(ValueError, match="--fresh"):
+        main(["--out", str(out)])
 
 
 def test_marks_count_what_is_wrong_half(curtain: Stage) -> None:
@@ -233,8 +235,10 @@ def test_marks_count_what_is_wrong_half(curtain: Stage) -> None:
         ("", "slow motion", "slow motion", "blow-up")
     )]  # fmt: skip
     (mark,) = marks(rows).values()
-    assert (mark.passed, mark.survived, mark.runs, mark.reason) == (1, 3, 4, "slow motion")
+    assert (mark.passed, mark.survived, mark.runs, mark.reason) == (1, 3, 4, "blow-up")
+    assert mark.reasons == "slow motion 2, blow-up 1"
     assert mark.score == 0.5
+    assert marks(rows[:3])["mass", "b", 1.0].reason == "slow motion"
 
 
 def test_mistakes_name_the_nearest() -> None:

@@ -145,8 +145,9 @@ def main(argv: list[str] | None = None) -> int:
             json.loads((out / "stability.json").read_text()),
         )
         return 0
-    if out:
-        out.mkdir(parents=True, exist_ok=True)
+    old = out / "stability.json" if out else None
+    if old and old.is_file() and not given.fresh and json.loads(old.read_text())["quick"] != quick:
+        raise ValueError(f"{out} holds rows {'without' if quick else 'of'} --quick: choose another --out, or --fresh")
     seeds = QUICK_SEEDS if quick else SEEDS
     about = {
         **header(),
@@ -177,11 +178,13 @@ def main(argv: list[str] | None = None) -> int:
     print(
         f"{about['processor']}, {about['cores']} cores{', quick: coarse grids, 1 seed, ends of axes' if quick else ''}"
     )
+    if out:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "stability.json").write_text(json.dumps(about, indent=2))
     store = Store(out / "stability.csv" if out else None, Cell, KEY, fresh=given.fresh)
     measure(store, worlds(scenes, axes, seeds, ends=quick), QUICK if quick else 1)
     print(table(store.rows))
     if out:
-        (out / "stability.json").write_text(json.dumps(about, indent=2))
         draw(store.rows, given.images or out, about)
         print(f"rows in {out}")
     return 0

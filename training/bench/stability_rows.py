@@ -40,7 +40,8 @@ KEY = ("axis", "level", "scene", "backend", "options", "seed")
 class Mark:
     """Of all scenes and seeds at one level: how many ``passed`` and ``survived`` of ``runs``.
 
-    What is merely wrong (``SOFT``) survived. ``reason`` is the commonest of those that did not pass, ``reasons``
+    What is merely wrong (``SOFT``) survived. ``reason`` is the commonest of those that did not survive, or else of
+    those that did not pass; ``reasons``
     counts them all, ``failed_at`` is their median time to failure [s]. In ``untold`` runs the truth itself failed:
     from then on there was nothing to compare with.
     """
@@ -73,7 +74,7 @@ def marks(rows: Sequence[Cell]) -> dict[tuple[str, str, float], Mark]:
             len(mine) - len(failed),
             len(mine) - sum(r.reason not in SOFT for r in failed),
             len(mine),
-            counts[0][0] if counts else "",
+            next((name for name, _ in counts if name not in SOFT), counts[0][0] if counts else ""),
             ", ".join(f"{name} {n}" for name, n in counts),
             float(np.median([r.failed_at for r in failed])) if failed else float("nan"),
             sum(bool(r.truth) for r in mine),
