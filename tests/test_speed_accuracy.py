@@ -113,6 +113,9 @@ def test_an_unstable_method_is_reported(windows: Windows, episodes: Windows) -> 
     assert all(row.gate == np.inf and np.isnan(row.score) for row in long_run(Method("unstable"), episodes, burn_in=10))
     assert failed_by("overstretch at frame 2", 2)
     assert not failed_by("overstretch at frame 2", 1)
+    (whole,) = summaries([row for row in rows if row.frames == 10], [], [])
+    assert whole.failure == "4 of 4: overstretch at frame 1"
+    assert not whole.passes
     refused = Method("explicit", {"substeps": 1})
     assert "use at least" in score(refused, windows, horizons=(1,))[0].failure
     assert "use at least" in cost([refused], windows)[0].failure

@@ -57,7 +57,8 @@ def _curve(axes: Any, curve: Curve, rows: Sequence[Summary], value: str) -> Any:
     look: dict[str, Any] = {"color": curve.color, "ls": curve.line, "lw": 0.8 if curve.small else 1.3}
     edge = curve.color if curve.marker in "+12" else "white"
     dot: dict[str, Any] = {"marker": curve.marker, "ms": 4 if curve.small else 5.5, "mec": edge, "mew": 0.7}
-    axes.plot(x, y, zorder=3, **look)
+    whole = [i for i, row in enumerate(rows) if not row.failure]  # the others are means of what survived
+    axes.plot([x[i] for i in whole], [y[i] for i in whole], zorder=3, **look)
     axes.hlines(y, [r.ms_q1 for r in rows], [r.ms_q3 for r in rows], color=curve.color, lw=0.8, zorder=3)
     for row, *at in zip(rows, x, y, strict=True):
         own = dict(dot)
@@ -95,7 +96,7 @@ def panel(axes: Any, rows: Sequence[Summary], *, value: str = "error") -> dict[s
     if floor > bottom:
         axes.axhspan(bottom, floor, color=SHADE, alpha=0.5, lw=0, zorder=1)
     if floor > 0:
-        axes.set_title(f"chaos floor {floor:.1g} %", loc="right", fontsize=6.5, color=SOFT, pad=4)
+        axes.set_title(f"chaos floor {floor:.{1 if floor < 1 else 2}g} %", loc="right", fontsize=6.5, color=SOFT, pad=4)
     best = front(rows, value)
     if len(best) > 1:
         axes.step([r.ms_median for r in best], [getattr(r, value) for r in best], where="post", color=YELLOW, lw=4,
@@ -147,9 +148,9 @@ def dress(axes: Any, title: str) -> None:
 
 NOTE = (
     "Lower left is better. Yellow: the front. Bars: quartiles of the time. Hollow: the mean height is off by over 5 % "
-    "of its way. Cross: some windows failed. \u00d72: grid factor. Ticks at the left edge: the exact coarse cloth, "
-    "bicubic (no method of this factor and interpolation can be closer). Grey: below the chaos floor, where errors "
-    "mean nothing."
+    "of its way. Cross: some windows failed, mean of the others. \u00d72: grid factor. Ticks at the left edge: the "
+    "exact coarse cloth, bicubic (no method of this factor and interpolation can be closer). Grey: below the chaos "
+    "floor, where errors mean nothing."
 )
 
 
@@ -195,8 +196,8 @@ def scene(rows: Sequence[Summary], name: str, paths: Sequence[Path], *, setup: s
         dress(axes, f"{name}, after {frames} frame{'s' * (frames > 1)}")
     long = panels[len(horizons)]
     handles |= panel(long, [r for r in mine if r.frames == horizons[-1]], value="long")
-    dress(long, f"{name}, statistics of long runs")
-    long.set_ylabel("distance of statistics [%]", fontsize=7.5, color=INK)
+    dress(long, f"{name}, long runs")
+    long.set_ylabel("distance of the statistics [%]", fontsize=7.5, color=INK)
     if len(panels) > len(horizons) + 1:
         legend(panels[-1], handles, "center left", 1)
     else:

@@ -15,7 +15,7 @@ from training.bench.speed_accuracy_windows import Windows, rounded
 
 RUNS = 7  # timed, after one that warms up
 RUN_MS, LEAST, MOST = 40.0, 3, 400  # ms that a run is to last; frames in it at least and at most
-SLOW = 50.0  # ms a frame
+SLOW, TOO_SLOW = 50.0, 1000.0  # ms a frame
 BUSY = 0.95  # of a frame's wall clock that one thread computes; below, others had the processor
 
 
@@ -76,9 +76,15 @@ def timed_run(
 
 
 def cost(
-    methods: Sequence[Method], windows: Windows, *, batch: int = 1, threads: int = 1, runs: int = RUNS
+    methods: Sequence[Method],
+    windows: Windows,
+    *,
+    batch: int = 1,
+    threads: int = 1,
+    runs: int = RUNS,
+    run_ms: float = RUN_MS,
 ) -> list[Cost]:
-    """Time ``methods`` in turn, so that a busy moment of the machine hits all alike."""
+    """Time ``methods`` in turn, so that a busy moment of the machine hits all alike; what is too slow for a frame."""
     start = State(**{n: np.repeat(a[:1], batch, 0) for n, a in windows.truth[0].arrays().items()})
     controls = [Controls(**{n: np.repeat(a[:1], batch, 0) for n, a in vars(c).items()}) for c in windows.controls]
     built = [method.build(Job(windows.scene, batch, threads)) for method in methods]
@@ -86,14 +92,14 @@ def cost(
     disturbed, count = [0] * len(methods), [0] * len(methods)
     for run in range(runs + 1):  # the first warms up
         for i, backend in enumerate(built):
-            if isinstance(backend, str):
+            if isinstance(backend, str) or (times[i] and times[i][0][0] * batch > TOO_SLOW):
                 continue
-            taken, bad = timed_run(backend, start, controls, count[i] or LEAST, threads == 1)
-            if run:
+            taken, bad = timed_run(backend, start, controls, count[i] or 1, threads == 1)
+            if run or taken[0] * 1e3 > TOO_SLOW:
                 times[i].append(taken * 1e3 / batch)
                 disturbed[i] += bad
-            else:
-                count[i] = int(np.clip(RUN_MS / (taken[0] * 1e3), LEAST, MOST))
+            if not run:
+                count[i] = int(np.clip(run_ms / (taken[0] * 1e3), LEAST, MOST))
     out = []
     for i, (method, backend) in enumerate(zip(methods, built, strict=True)):
         table = np.array(times[i]) if times[i] else np.full((1, 3), np.nan)

@@ -99,14 +99,15 @@ def summaries(scores: Sequence[Score], costs: Sequence[Cost], longs: Sequence[Lo
         )  # fmt: skip
         own = [s.error_mean for s in mine if not np.isnan(s.error_mean)] or [float("nan")]
         means = {n: mean([getattr(s, n) for s in mine]) for n in MEASURED if n in Summary.__dataclass_fields__}
-        failed = [s.failure for s in mine if s.failure]
+        failed = [s.failure.split(" of ", 1) for s in mine if s.failure]
+        bad, windows = sum(int(count) for count, _ in failed), sum(s.windows for s in mine)
         gates = [r.gate for r in runs if not np.isnan(r.gate)]
         row = Summary(
             scene=scene,
             family=family,
             options=options,
             frames=frames,
-            windows=sum(s.windows for s in mine),
+            windows=windows,
             **{
                 n: getattr(time, n) if time else np.nan
                 for n in ("ms_q1", "ms_median", "ms_q3", "ms_best", "upscale_ms")
@@ -119,7 +120,7 @@ def summaries(scores: Sequence[Score], costs: Sequence[Cost], longs: Sequence[Lo
             **means,
             gate=float(np.median(gates)) if gates else np.nan,
             long=mean([r.score for r in runs]) if not any(r.failure for r in runs) else np.nan,
-            failure=failed[0] if failed else "",
+            failure=f"{bad} of {windows}: {failed[0][1].split(': ', 1)[1]}" if bad else "",
         )
         out.append(rounded(row))
     return out
