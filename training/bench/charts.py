@@ -149,7 +149,7 @@ def dress(axes: Any, title: str) -> None:
 NOTE = (
     "Lower left is better. Yellow: the front. Bars: quartiles of the time. Hollow: the mean height is off by over 5 % "
     "of its way. Cross: some windows failed, mean of the others. \u00d72: grid factor. Ticks at the left edge: the "
-    "exact coarse cloth, bicubic: what interpolation alone loses. Grey: below the chaos floor, where errors mean nothing."
+    "exact coarse cloth, bicubic: what interpolation alone loses. Grey: below the chaos floor, errors mean nothing."
 )
 
 
