@@ -57,9 +57,9 @@ class State:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def astype(self, dtype: np.dtype | type) -> State:
-        """A copy with the cloth and the bodies in another float type; wind, pressure, time stay float64."""
+        """A copy in C order, the cloth and the bodies in another float type; wind, pressure, time stay float64."""
         keep = ("wind", "pressure", "time")
-        return State(**{n: a.copy() if n in keep else a.astype(dtype) for n, a in self.arrays().items()})
+        return State(**{n: np.array(a, a.dtype if n in keep else dtype, order="C") for n, a in self.arrays().items()})
 
     def select(self, which: np.ndarray | slice | list[int]) -> State:
         """A copy of some members of the batch."""

@@ -76,7 +76,8 @@ void Explicit<T>::advance(const Frame<T>& f) const {
                          T(w.pressure ? f.pressure : 0.0),
                          {T(f.wind[0]), T(f.wind[1]), T(f.wind[2])}};
   const bool air = w.wind || w.pressure;
-  const auto step = lanes.step[f.sheet.compression < 1][f.sheet.damping > 0][f.sheet.bend > 0][air];
+  const auto step =
+      f.sheet.compression < 1 ? lanes.yielding_step[air] : lanes.step[f.sheet.damping > 0][f.sheet.bend > 0][air];
 
   std::vector<Driven> handles(w.handles.size());
   std::vector<Cubic> bodies(6 * w.bodies.size());

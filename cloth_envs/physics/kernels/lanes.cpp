@@ -226,14 +226,11 @@ Check check(const T* x, const T* v, int rows, int cols, T row_length, T col_leng
 
 template <class T>
 const Lanes<T> table = {
-    {{{{step<T, false, false, false, false>, step<T, false, false, false, true>},
-       {step<T, false, false, true, false>, step<T, false, false, true, true>}},
-      {{step<T, false, true, false, false>, step<T, false, true, false, true>},
-       {step<T, false, true, true, false>, step<T, false, true, true, true>}}},
-     {{{step<T, true, false, false, false>, step<T, true, false, false, true>},
-       {step<T, true, false, true, false>, step<T, true, false, true, true>}},
-      {{step<T, true, true, false, false>, step<T, true, true, false, true>},
-       {step<T, true, true, true, false>, step<T, true, true, true, true>}}}},
+    {{{step<T, false, false, false, false>, step<T, false, false, false, true>},
+      {step<T, false, false, true, false>, step<T, false, false, true, true>}},
+     {{step<T, false, true, false, false>, step<T, false, true, false, true>},
+      {step<T, false, true, true, false>, step<T, false, true, true, true>}}},
+    {step<T, true, true, true, false>, step<T, true, true, true, true>},
     {air<T, false>, air<T, true>},
     contact<T>,
     check<T>,

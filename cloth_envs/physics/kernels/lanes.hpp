@@ -51,7 +51,8 @@ struct Lanes {
   // One substep of springs, dampers, bending, gravity, drag and the listed forces of the air.
   using Step = void (*)(const Geometry<T>&, const StepTerms<T>&, const Planes<T>& in, const Planes<T>& out,
                         const Cells<T>& air, const Edges<T>& edges);
-  Step step[2][2][2][2];  // [slack][damping][bending][air]
+  Step step[2][2][2];     // [damping][bending][air]
+  Step yielding_step[2];  // [air]; springs that yield under compression, with damping and bending, which may be 0
   using Air = void (*)(const Geometry<T>&, const AirTerms<T>&, const Planes<T>& in, const Cells<T>& out);
   Air air[2];  // [wind]; pressure alone needs no velocities
   void (*contact)(const Geometry<T>&, const BodyStep<T>&, const Planes<T>& in, const Planes<T>& out);
