@@ -17,12 +17,11 @@ from pathlib import Path
 import numpy as np
 
 from cloth_envs.machine import header
-from cloth_envs.naming import unknown_name
 from cloth_envs.physics.solver import SOLVERS
 from cloth_envs.registry import SCENES
 from training.bench import chaos, convergence, cost, solver_chart, summary, sweep
 from training.bench.configurations import CONVERGENCE, COST, SWEEP, choose
-from training.bench.store import Store
+from training.bench.store import Store, read_names
 from training.bench.throughput import write_rows
 from training.bench.truth import Case, cache_folder
 
@@ -43,14 +42,6 @@ def parser() -> argparse.ArgumentParser:
     return top
 
 
-def _list(text: str, known: Sequence[str], what: str) -> list[str]:
-    names = [name.strip() for name in text.split(",") if name.strip()]
-    for name in names:
-        if name not in known:
-            raise unknown_name(what, name, known)
-    return names
-
-
 def main(argv: list[str] | None = None) -> int:
     """Run in a process of its own where linear algebra keeps to one thread, as times are of one."""
     one = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -66,9 +57,9 @@ def parse(argv: list[str]) -> argparse.Namespace:
         ValueError: an unknown part, scene or solver.
     """
     given = parser().parse_args(argv)
-    given.parts = _list(given.parts, PARTS, "part")
-    given.scenes = _list(given.scenes, list(SCENES), "scene")
-    given.solvers = None if given.solvers is None else _list(given.solvers, list(SOLVERS), "solver")
+    given.parts = read_names(given.parts, PARTS, "part")
+    given.scenes = read_names(given.scenes, list(SCENES), "scene")
+    given.solvers = None if given.solvers is None else read_names(given.solvers, list(SOLVERS), "solver")
     return given
 
 

@@ -20,7 +20,6 @@ from pathlib import Path
 from tqdm import tqdm
 
 from cloth_envs.machine import header
-from cloth_envs.naming import unknown_name
 from cloth_envs.registry import SCENES
 from training.bench import charts
 from training.bench.speed_accuracy_cost import COST_KEY, RUN_MS, RUNS, SLOW, TOO_SLOW, Cost, cost
@@ -37,7 +36,7 @@ from training.bench.speed_accuracy_scores import (
 )
 from training.bench.speed_accuracy_summary import Summary, claims, summaries, table
 from training.bench.speed_accuracy_windows import REFINE, Windows, gather
-from training.bench.store import Store, read_rows
+from training.bench.store import Store, read_names, read_rows
 from training.bench.throughput import write_rows
 from training.bench.truth import Case, cache_folder, load
 
@@ -61,14 +60,6 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--cache", type=Path, help="folder of the truths (default: in the user's caches)")
     top.add_argument("--fresh", action="store_true", help="measure again what --out holds")
     return top
-
-
-def _list(text: str, known: Sequence[str], what: str) -> list[str]:
-    names = [name.strip() for name in text.split(",") if name.strip()]
-    for name in names:
-        if name not in known:
-            raise unknown_name(what, name, known)
-    return names
 
 
 def revision() -> str:
@@ -169,8 +160,8 @@ def measure(
 
 def main(argv: list[str] | None = None) -> int:
     given = parser().parse_args(argv)
-    scenes = _list(given.scenes, list(SCENES), "scene")
-    families = None if given.families is None else _list(given.families, list(FAMILIES), "family")
+    scenes = read_names(given.scenes, list(SCENES), "scene")
+    families = None if given.families is None else read_names(given.families, list(FAMILIES), "family")
     out, quick = given.out, given.quick
     if given.chart_only:
         if out is None:

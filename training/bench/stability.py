@@ -19,13 +19,13 @@ from tqdm import tqdm
 from cloth_envs.machine import header
 from cloth_envs.registry import SCENES
 from training.bench import stability_chart
-from training.bench.speed_accuracy import _list, revision
+from training.bench.speed_accuracy import revision
 from training.bench.speed_accuracy_windows import rounded
 from training.bench.stability_rows import KEY, Cell, Place, table
 from training.bench.stability_runs import BUDGETED, BURST, TRUTH, build, run, truths
 from training.bench.stability_scores import ASTRAY, DRIFT, EARLY, GAINED, HEIGHT, SOFT, SPARE, score
 from training.bench.stability_worlds import AXES, DURATION, Base
-from training.bench.store import Store, read_rows
+from training.bench.store import Store, read_names, read_rows
 from training.bench.verdict import GATE, LIVELY, STRAINED
 
 SEEDS, QUICK_SEEDS = (300, 301, 302, 303, 304), (300,)  # held out: the miniature was calibrated on 100..103
@@ -133,8 +133,8 @@ def measure(store: Store[Cell], todo: Sequence[World], coarse: int = 1) -> None:
 
 def main(argv: list[str] | None = None) -> int:
     given = parser().parse_args(argv)
-    scenes = None if given.scenes is None else _list(given.scenes, list(SCENES), "scene")
-    axes = _list(given.axes, list(AXES), "axis")
+    scenes = None if given.scenes is None else read_names(given.scenes, list(SCENES), "scene")
+    axes = read_names(given.axes, list(AXES), "axis")
     out, quick = given.out, given.quick
     if given.chart_only:
         if out is None:

@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from cloth_envs.naming import unknown_name
 from training.bench.throughput import write_rows
 
 Row = TypeVar("Row")
 _READ: dict[str, Callable[[str], Any]] = {"str": str, "int": int, "float": float}
+
+
+def read_names(text: str, known: Sequence[str], what: str) -> list[str]:
+    """Names that a comma separates.
+
+    Raises:
+        ValueError: a name that is not ``known``; the nearest match is told.
+    """
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    for name in names:
+        if name not in known:
+            raise unknown_name(what, name, known)
+    return names
 
 
 def read_rows(path: Path, kind: type[Row]) -> list[Row]:
