@@ -7,18 +7,6 @@ namespace LANES {
 namespace {
 
 template <class T>
-constexpr T tiny = T(1e-20);  // keeps ghosts, which all lie at the origin, finite
-
-template <class T>
-inline V3<T> at(T* const (&planes)[3], int i) {
-  return {load<T>(planes[0] + i), load<T>(planes[1] + i), load<T>(planes[2] + i)};
-}
-template <class T>
-inline void put(T* const (&planes)[3], int i, const V3<T>& v) {
-  store<T>(planes[0] + i, v.x), store<T>(planes[1] + i, v.y), store<T>(planes[2] + i, v.z);
-}
-
-template <class T>
 void rest(const Geometry<T>& g, T a, T* const (&x)[3], T* const (&out)[4]) {
   const int s = g.stride, to[4] = {1, s, s + 1, s - 1};
   const T length[4] = {g.col_length, g.row_length, g.diagonal, g.diagonal};

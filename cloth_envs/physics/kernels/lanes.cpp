@@ -7,18 +7,6 @@ namespace minicloth {
 namespace LANES {
 namespace {
 
-template <class T>
-constexpr T tiny = T(1e-20);  // keeps ghosts, which all lie at the origin, finite
-
-template <class T>
-inline V3<T> at(T* const (&planes)[3], int i) {
-  return {load<T>(planes[0] + i), load<T>(planes[1] + i), load<T>(planes[2] + i)};
-}
-template <class T>
-inline void put(T* const (&planes)[3], int i, const V3<T>& v) {
-  store<T>(planes[0] + i, v.x), store<T>(planes[1] + i, v.y), store<T>(planes[2] + i, v.z);
-}
-
 // One substep. Every edge is evaluated once, by f = k (1 - L/|d|) d + c (d.w)/|d|^2 d with c = damping * k (under
 // compression with 1 - slack times the k of the first term)
 // and the share of quadratic bending that lies on it, at the vertex that it leaves towards column + 1,

@@ -132,6 +132,19 @@ inline V3<T> cross(const V3<T>& a, const V3<T>& b) {
   return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 
+// Three planes of one vector field.
+template <class T>
+constexpr T tiny = T(1e-20);  // keeps ghosts, which all lie at the origin, finite
+
+template <class T>
+inline V3<T> at(T* const (&planes)[3], int i) {
+  return {load<T>(planes[0] + i), load<T>(planes[1] + i), load<T>(planes[2] + i)};
+}
+template <class T>
+inline void put(T* const (&planes)[3], int i, const V3<T>& v) {
+  store<T>(planes[0] + i, v.x), store<T>(planes[1] + i, v.y), store<T>(planes[2] + i, v.z);
+}
+
 }  // namespace
 }  // namespace LANES
 }  // namespace minicloth
