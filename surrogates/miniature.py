@@ -1,4 +1,4 @@
-"""The backend ``"miniature"``: coarse physics and interpolation (Lee, Oh & Lee 2019)."""
+"""The backend ``"miniature"``: coarse physics and an upscaler (Lee, Oh & Lee 2019)."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import numpy as np
 from cloth_envs.material import Material
 from cloth_envs.naming import unknown_name
 from cloth_envs.physics.solver import reference
-from cloth_envs.resample import Resampler, resample
+from cloth_envs.resample import resample
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from surrogates.calibrated import load_factors
 from surrogates.coarse import SCALINGS, coarse_scene, miniature_material
+from surrogates.upscaler import make_upscaler
 
-UPSCALERS = {"bilinear": "linear", "biquadratic": "quadratic", "bicubic": "cubic"}
+CLOTH = ("positions", "velocities")
 
 
 class UpscaledState(State):
@@ -25,11 +26,11 @@ class UpscaledState(State):
     def __init__(self, coarse: State, upscale: Callable[[str], np.ndarray]) -> None:
         self._upscale, self._batch = upscale, coarse.batch
         for name, value in coarse.arrays().items():
-            if name not in ("positions", "velocities"):
+            if name not in CLOTH:
                 setattr(self, name, value)
 
     def __getattr__(self, name: str) -> np.ndarray:
-        if name not in ("positions", "velocities"):
+        if name not in CLOTH:
             raise AttributeError(name)
         value = self._upscale(name)
         setattr(self, name, value)
@@ -41,7 +42,7 @@ class UpscaledState(State):
 
 
 class MiniatureBackend:
-    """A reference solver on a grid ``factor`` times coarser, upscaled by interpolation when the cloth is read.
+    """A reference solver on a grid ``factor`` times coarser, upscaled when the cloth is read.
 
     It is computed enlarged to the cloth's size, where wind sees the upscaled velocity and bodies, handles and
     thickness need no scaling; ``coarse.miniature_material`` says why that is the same. Driven
@@ -54,7 +55,7 @@ class MiniatureBackend:
         scaling: ``"similar"`` (the sheet's own material), ``"seed"`` (the paper's spring constants, ``factor^2``
             times too stiff), ``"calibrated"`` (factors fitted per scene).
         factors: of a calibration of your own, ``{material property: multiplier}``, instead of the shipped ones.
-        upscaler: ``"bilinear"``, ``"biquadratic"`` or ``"bicubic"``.
+        upscaler: an interpolation, ``"bilinear"``, ``"biquadratic"`` or ``"bicubic"``, or a network by name.
         solver: of the coarse cloth, as for ``backend="reference"``.
         solver_kwargs: its options.
 
@@ -78,8 +79,6 @@ class MiniatureBackend:
             raise ValueError(f"factor must be 2, 3 or 4, got {factor!r}")
         if scaling not in SCALINGS:
             raise unknown_name("scaling", scaling, SCALINGS)
-        if upscaler not in UPSCALERS:
-            raise unknown_name("upscaler", upscaler, UPSCALERS)
         self.scene, self.factor, self.scaling = scene, factor, scaling
         if factors is not None and scaling != "calibrated":
             raise ValueError(f'factors need scaling="calibrated", got scaling={scaling!r}')
@@ -88,7 +87,7 @@ class MiniatureBackend:
             self._factors = load_factors(scene.name, factor)
         coarse, self._handles = coarse_scene(scene, factor, self._effective(scene.material))
         self.coarse = reference(coarse, num_envs=num_envs, solver=solver, **(solver_kwargs or {}))
-        self._up = Resampler(coarse.grid, scene.grid, UPSCALERS[upscaler])
+        self._up = make_upscaler(upscaler, coarse, scene, factor)
         self._held = np.array(scene.handles, np.int32)
         self._state: State | None = None
 
@@ -103,13 +102,16 @@ class MiniatureBackend:
 
     @property
     def memory(self) -> dict[str, np.ndarray]:
-        """The coarse cloth: a fine one upscaled from it does not always contain it."""
-        state = self.coarse.state
-        return {"positions": state.positions, "velocities": state.velocities, "offsets": self._offsets}
+        """The coarse cloth, with its past frames: a fine one upscaled from it does not always contain it."""
+        cloth = {name: np.stack([getattr(state, name) for state in self._history], 1) for name in CLOTH}
+        return {**cloth, "offsets": self._offsets}
 
     def recall(self, memory: Mapping[str, np.ndarray]) -> None:
-        cloth = {name: memory[name] for name in ("positions", "velocities")}
-        self.coarse.reset(State(**(self.coarse.state.arrays() | cloth)), self._materials)
+        now = self.coarse.state.arrays()
+        steps = range(self._up.frames)
+        states = [State(**(now | {n: np.ascontiguousarray(memory[n][:, k]) for n in CLOTH})) for k in steps]
+        self.coarse.reset(states[-1], self._materials)
+        self._history = [*states[:-1], self.coarse.state]
         self._offsets = memory["offsets"].copy()
 
     def reset(
@@ -119,9 +121,11 @@ class MiniatureBackend:
         which: Sequence[int] | None = None,
     ) -> None:
         chosen = [self.scene.material] * state.batch if materials is None else list(materials)
-        small = {"positions": self._down(state.positions), "velocities": self._down(state.velocities)}
+        small = {name: self._down(getattr(state, name)) for name in CLOTH}
         effective = [self._effective(material) for material in chosen]
         self.coarse.reset(State(**(state.arrays() | small)), effective, which)
+        self._up.set_materials(range(state.batch) if which is None else which, chosen)
+        self._start_history(which)
         offsets = self._handles.offsets(state.positions, small["positions"], self.scene.handles)
         if which is None:
             self._state, self._materials, self._offsets = state.astype(np.float32), effective, offsets
@@ -132,15 +136,27 @@ class MiniatureBackend:
             for i, material in zip(which, effective, strict=True):
                 self._materials[i] = material
 
+    def _start_history(self, which: Sequence[int] | None) -> None:
+        """The past of cloths that have none: where they came from at their present velocity."""
+        members, now = slice(None) if which is None else list(which), self.coarse.state
+        if which is None:
+            self._history = [now.copy() for _ in range(self._up.frames - 1)]
+        for back, past in enumerate(reversed(self._history[: self._up.frames - 1]), 1):
+            step = now.velocities[members] * np.float32(back * self.scene.frame_dt)
+            past.positions[members] = now.positions[members] - step
+            past.velocities[members] = now.velocities[members]
+        self._history[self._up.frames - 1 :] = [now]
+
     def _down(self, field: np.ndarray) -> np.ndarray:
         return np.ascontiguousarray(resample(field, self.scene.grid, self.coarse.scene.grid))
 
     def advance(self, controls: Controls) -> State:
         coarse = self.coarse.advance(self._handles.controls(controls, self._offsets))
+        self._history = history = [*self._history[1:], coarse]
         driven = {"positions": controls.handle_positions, "velocities": controls.handle_velocities}
 
         def upscale(name: str) -> np.ndarray:
-            fine = self._up(getattr(coarse, name))
+            fine = getattr(self._up, name)(history)
             self._handles.place(fine, driven[name], self._held)
             return fine
 

@@ -11,11 +11,12 @@ import numpy as np
 
 from cloth_envs.backend import make_backend
 from cloth_envs.physics.solver import reference
-from cloth_envs.resample import Resampler, resample, weights
+from cloth_envs.resample import resample, weights
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from surrogates.coarse import coarse_grid, coarse_scene
-from surrogates.miniature import UPSCALERS, MiniatureBackend, UpscaledState
+from surrogates.miniature import MiniatureBackend, UpscaledState
+from surrogates.upscaler import INTERPOLATIONS, Interpolation
 
 
 def moved(state: State, controls: Controls, cloth: Mapping[str, np.ndarray]) -> State:
@@ -48,7 +49,7 @@ class Coarser(MiniatureBackend):
         super().__init__(scene, num_envs=num_envs, upscaler=upscaler)
         coarse, self._handles = coarse_scene(scene, factor, scene.material)  # type: ignore[arg-type]
         self.coarse = reference(coarse, num_envs=num_envs)
-        self._up = Resampler(coarse.grid, scene.grid, UPSCALERS[upscaler])
+        self._up = Interpolation(coarse, scene, 0, kind=INTERPOLATIONS[upscaler])
 
 
 class Offset:
@@ -75,7 +76,7 @@ class Oracle:
     """The exact coarse cloth, upscaled: what interpolation alone loses."""
 
     def __init__(self, scene: Scene, truth: Sequence[State], *, factor: float, upscaler: str) -> None:
-        self.scene, self._truth, self._kind = scene, truth, UPSCALERS[upscaler]
+        self.scene, self._truth, self._kind = scene, truth, INTERPOLATIONS[upscaler]
         self._coarse = coarse_grid(scene.grid, factor)  # type: ignore[arg-type]
 
     def reset(self, state: State) -> None:
@@ -146,7 +147,7 @@ FAMILIES: dict[str, tuple[Builder, Sequence[Mapping[str, Any]]]] = {
     "constant velocity": (lambda job: Extrapolation(job.scene, moving=True), ({},)),
     ORACLE: (
         lambda job, **o: Oracle(job.scene, job.truth, **o),
-        [{**f, "upscaler": u} for u in UPSCALERS for f in ALL_FACTORS],
+        [{**f, "upscaler": u} for u in INTERPOLATIONS for f in ALL_FACTORS],
     ),
 }
 THREADED = ("explicit", "admm", "miniature similar")  # families that are timed in batches too

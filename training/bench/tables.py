@@ -23,7 +23,7 @@ from cloth_envs.machine import header
 from cloth_envs.resample import Resampler, resample
 from cloth_envs.world import World
 from surrogates.coarse import coarse_grid
-from surrogates.miniature import UPSCALERS
+from surrogates.upscaler import INTERPOLATIONS
 from training.bench.throughput import write_rows
 
 TEACHER = {"solver": "admm", "iterations": 10}
@@ -79,7 +79,7 @@ def oracle(world: World, positions: np.ndarray, factor: int, upscaler: str) -> n
     """``positions`` decimated and upscaled again."""
     fine, coarse = world.scene.grid, coarse_grid(world.scene.grid, factor)
     small = np.ascontiguousarray(resample(positions, fine, coarse), np.float32)
-    return Resampler(coarse, fine, UPSCALERS[upscaler])(small)
+    return Resampler(coarse, fine, INTERPOLATIONS[upscaler])(small)
 
 
 def rows(frames: int) -> Iterator[Row]:
