@@ -1,0 +1,60 @@
+"""Weights with their card: ``<name>.safetensors`` and ``<name>.json`` beside it, which holds the checksum."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from safetensors.numpy import load as parse
+from safetensors.numpy import save as serialise
+
+from cloth_envs.naming import unknown_name
+
+WEIGHTS = Path(__file__).parent / "weights"
+
+
+class Checkpoint(NamedTuple):
+    """Arrays by name, and what is known of them: recipe, data, measured errors, valid range, licence."""
+
+    arrays: dict[str, np.ndarray]
+    card: dict[str, Any]
+
+
+def save(name: str, arrays: Mapping[str, np.ndarray], card: Mapping[str, Any], folder: Path = WEIGHTS) -> Path:
+    """Write weights and card; the old ones are replaced only when the new ones are whole on disk.
+
+    Returns:
+        The path of the weights.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    data = serialise({key: np.ascontiguousarray(value) for key, value in arrays.items()})
+    text = json.dumps({"sha256": hashlib.sha256(data).hexdigest(), **card}, indent=1) + "\n"
+    for suffix, content in ((".safetensors", data), (".json", text.encode())):
+        part = folder / f"{name}{suffix}.part"
+        part.write_bytes(content)
+        part.replace(folder / f"{name}{suffix}")
+    return folder / f"{name}.safetensors"
+
+
+@cache
+def load(name: str, folder: Path = WEIGHTS) -> Checkpoint:
+    """The weights ``name`` and their card, read once.
+
+    Raises:
+        ValueError: there are none of this name (the nearest match is named), or they are not those of the card.
+    """
+    path = folder / f"{name}.safetensors"
+    if not path.is_file():
+        raise unknown_name("weights", name, sorted(p.stem for p in folder.glob("*.safetensors")))
+    data, card = path.read_bytes(), json.loads(path.with_suffix(".json").read_text())
+    if hashlib.sha256(data).hexdigest() != card["sha256"]:
+        raise ValueError(
+            f"{path} does not have the checksum of its card: it was changed or cut off; "
+            "restore both files, or train it anew"
+        )
+    return Checkpoint(parse(data), card)
