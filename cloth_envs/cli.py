@@ -21,6 +21,12 @@ BENCHMARKS = {
     "stability": "training.bench.stability:main",
     "throughput": "training.bench.throughput:main",
 }
+TRAININGS = {
+    "dynamics": "training.train_dynamics:main",
+    "local": "training.train_local:main",
+    "physics-cnn": "training.train_physics_cnn:main",
+    "upscaler": "training.train_upscaler:main",
+}
 
 
 def _list(given: argparse.Namespace) -> str:
@@ -76,10 +82,25 @@ def _compare(given: argparse.Namespace) -> str:
 
 
 def _bench(given: argparse.Namespace) -> NoReturn:
-    if given.benchmark not in BENCHMARKS:
-        raise unknown_name("benchmark", given.benchmark, BENCHMARKS)
-    module, function = BENCHMARKS[given.benchmark].split(":")
-    sys.exit(getattr(import_module(module), function)(given.options))
+    _run("benchmark", BENCHMARKS, given.benchmark, given.options)
+
+
+def _train(given: argparse.Namespace) -> NoReturn:
+    _run("training", TRAININGS, given.training, given.options)
+
+
+def _generate(given: argparse.Namespace) -> NoReturn:
+    from training.generate import main as generate
+
+    sys.exit(generate([given.scene, *given.options]))
+
+
+def _run(kind: str, table: dict[str, str], name: str, options: Sequence[str]) -> NoReturn:
+    """Call ``main(options)`` of the module that ``table`` has for ``name``, and leave with what it returns."""
+    if name not in table:
+        raise unknown_name(kind, name, table)
+    module, function = table[name].split(":")
+    sys.exit(getattr(import_module(module), function)(options))
 
 
 def _named(text: str | None, option: str) -> Any:
@@ -168,6 +189,14 @@ def parser() -> argparse.ArgumentParser:
     sub = command("bench", _bench, "Run a benchmark: " + ", ".join(BENCHMARKS) + ".")
     sub.add_argument("benchmark", metavar="NAME")
     sub.add_argument("options", nargs=argparse.REMAINDER, help="its own options, see `minicloth bench NAME --help`")
+
+    sub = command("generate", _generate, "Simulate trajectories to learn from; goes on where it was stopped.")
+    sub.add_argument("scene", metavar="SCENE", help="a scene that has the preset")
+    sub.add_argument("options", nargs=argparse.REMAINDER, help="more, see `minicloth generate SCENE --help`")
+
+    sub = command("train", _train, "Train a network: " + ", ".join(TRAININGS) + ". Goes on where it was stopped.")
+    sub.add_argument("training", metavar="NAME")
+    sub.add_argument("options", nargs=argparse.REMAINDER, help="its own options, see `minicloth train NAME --help`")
     return top
 
 
