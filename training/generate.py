@@ -1,0 +1,215 @@
+"""``minicloth generate SCENE``: trajectories of a teacher at full resolution, and miniature runs beside it.
+
+The teacher is what the preset's paper ran (P-ADMM with 10 iterations for "lee2019"). Mass, spring constant and frame
+vary between trajectories, every second one moves by random smooth actions. Frames are stored, not pairs: ``dataset``
+cuts these out as they are needed. For every grid factor there are two inputs, never mixed:
+
+- *oracle*: the teacher's own positions, down-sampled; nothing is stored for it.
+- *real*: miniature runs (similar scaling, the teacher's solver and controls), started from the teacher's state again
+  after every ``window`` frames.
+
+One HDF5 file, a shard, holds one trajectory. It is renamed when it is whole, so a killed writer leaves good shards,
+and the next call goes on after them. Every fifth trajectory is held out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from tqdm import tqdm
+
+from cloth_envs.commands.policies import open_loop
+from cloth_envs.physics.solver import reference
+from cloth_envs.presets import load_preset, solver_of
+from cloth_envs.scenes.task import Episode, Task
+from cloth_envs.state import Controls, State
+from surrogates.miniature import MiniatureBackend
+from training.bench.truth import cache_folder
+
+LAYOUT = 1
+HELD_OUT_EVERY = 5  # one trajectory of so many
+STEPS = (0.75, 1.0, 1.0, 1.25)  # frames of a trajectory, of the scene's own; one of these at random
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What decides the data, but for how many trajectories there are. ``mass`` [kg], ``spring`` [N/m]: ranges."""
+
+    scene: str
+    preset: str = "lee2019"
+    frames: int = 100
+    window: int = 20
+    factors: tuple[int, ...] = (2, 3, 4)
+    mass: tuple[float, float] = (1.5, 4.5)
+    spring: tuple[float, float] = (40.0, 150.0)
+    seed: int = 0
+    layout: int = LAYOUT
+
+    def text(self) -> str:
+        return json.dumps(asdict(self))
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One trajectory's own: ``mass`` [kg], ``spring`` [N/m], ``frame_dt`` [s], how large its actions are."""
+
+    mass: float
+    spring: float
+    frame_dt: float
+    push: float
+
+
+def draw(plan: Plan, index: int) -> Draw:
+    """Trajectory ``index``'s, from the plan's seed: mass and spring evenly on a logarithmic scale."""
+    rng = np.random.default_rng((plan.seed, index))
+    mass, spring = (float(np.exp(rng.uniform(*np.log(ends)))) for ends in (plan.mass, plan.spring))
+    dt = load_preset(plan.scene, plan.preset).frame_dt * float(rng.choice(STEPS))
+    return Draw(mass, spring, dt, float(rng.uniform(0.3, 1.0)) * (index // HELD_OUT_EVERY % 2))
+
+
+def task_of(plan: Plan, own: Draw) -> Task:
+    """The preset's task with this mass, spring constant and frame."""
+    cls: Any = load_preset(plan.scene, {"name": plan.preset, "mass": own.mass, "spring": own.spring})
+    cls = type(cls.__name__, (cls,), {"frame_dt": own.frame_dt})
+    return cls(cls.make_scene(resolution=cls.resolution, material=cls.material))
+
+
+def simulate(plan: Plan, index: int) -> tuple[Task, list[State], list[Controls]]:
+    """The teacher's states, the start first, and the controls of every frame.
+
+    Raises:
+        ValueError: the teacher did not stay finite.
+    """
+    own = draw(plan, index)
+    task = task_of(plan, own)
+    rng = np.random.default_rng((plan.seed, index, 1))
+    start = task.start(rng)
+    state = State.still(start.positions[None].astype(np.float32), start.colliders[None].astype(np.float32))
+    state.velocities[:] = start.velocities
+    backend = reference(task.scene, num_envs=1, **solver_of(plan.preset))
+    backend.reset(state)
+    actions = open_loop(
+        "smooth", max(plan.frames, 200), len(task.actions), task.scene.frame_dt, int(rng.integers(2**31))
+    )
+    memory = {name: value[None] for name, value in start.memory.items()}
+    episode = Episode(backend.state, memory, np.zeros((1, len(task.actions))))
+    states, controls = [backend.state.copy()], []
+    for frame in range(plan.frames):
+        episode.action = own.push * np.asarray(actions[frame][None], np.float64)
+        control = task.controls(episode)
+        controls.append(Controls(**{name: np.array(value) for name, value in vars(control).items()}))
+        episode.state = backend.advance(control)
+        states.append(episode.state.copy())
+    if not np.isfinite(states[-1].positions).all():
+        raise ValueError(f"trajectory {index} of {plan.scene} did not stay finite: use another --seed")
+    return task, states, controls
+
+
+def miniature_runs(plan: Plan, task: Task, states: list[State], controls: list[Controls], factor: int) -> np.ndarray:
+    """Coarse positions ``(windows, 3 + window, 3, h, w)``: two frames of the past, the start, and a miniature run.
+
+    The past is what the backend starts from: where the start came from at its velocity.
+    """
+    solver = dict(solver_of(plan.preset))
+    name, runs = solver.pop("solver", "explicit"), []
+    backend = MiniatureBackend(task.scene, factor=factor, solver=name, solver_kwargs=solver)
+    for first in range(0, plan.frames - plan.window + 1, plan.window):
+        backend.reset(states[first])
+        start = backend.coarse.state
+        now, step = start.positions[0].copy(), start.velocities[0] * np.float32(task.scene.frame_dt)
+        run = [now - 2 * step, now - step, now]
+        for control in controls[first : first + plan.window]:
+            backend.advance(control)
+            run.append(backend.coarse.state.positions[0].copy())
+        runs.append(np.stack(run))
+    return np.stack(runs)
+
+
+def write_shard(plan: Plan, folder: Path, index: int) -> Path:
+    """Simulate one trajectory and store it; the file appears under its name only when it is whole."""
+    path = folder / f"{index:05d}.h5"
+    task, states, controls = simulate(plan, index)
+    positions = np.concatenate([state.positions for state in states])
+    part = path.with_suffix(".part")
+    with h5py.File(part, "w") as file:
+        file["positions"] = positions
+        for factor in plan.factors:
+            file[f"real/{factor}"] = miniature_runs(plan, task, states, controls, factor)
+        own = asdict(draw(plan, index))
+        digest = hashlib.sha256(positions.tobytes()).hexdigest()
+        file.attrs.update(plan=plan.text(), index=index, sha256=digest, **own)
+    part.replace(path)
+    return path
+
+
+def missing(plan: Plan, folder: Path, count: int) -> list[int]:
+    """Which of the first ``count`` trajectories are not there yet.
+
+    Raises:
+        ValueError: the folder holds data of another plan.
+    """
+    for path in sorted(folder.glob("*.h5"))[:1]:
+        with h5py.File(path) as file:
+            if file.attrs["plan"] != plan.text():
+                raise ValueError(f"{folder} holds data of another plan: choose another --out, or remove it")
+    return [k for k in range(count) if not (folder / f"{k:05d}.h5").is_file()]
+
+
+def generate(plan: Plan, folder: Path, count: int, workers: int = 1) -> int:
+    """Write what is missing of ``count`` trajectories, over ``workers`` processes. Returns how many those were."""
+    folder.mkdir(parents=True, exist_ok=True)
+    wanted = missing(plan, folder, count)
+    job = partial(write_shard, plan, folder)
+    with tqdm(total=len(wanted), desc=f"{plan.scene} trajectories", disable=None) as bar:
+        if workers == 1:
+            for index in wanted:
+                job(index)
+                bar.update()
+        elif wanted:
+            with get_context("spawn").Pool(min(workers, len(wanted))) as pool:
+                for _ in pool.imap_unordered(job, wanted):
+                    bar.update()
+    return len(wanted)
+
+
+def data_folder(scene: str, preset: str) -> Path:
+    """Where data goes by default, among the user's caches."""
+    return cache_folder().parent / "pairs" / preset / scene.lower()
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="minicloth generate", description=__doc__)
+    parser.add_argument("scene", metavar="SCENE", help="Curtain, Flag or Collision")
+    parser.add_argument("--preset", default="lee2019", help="a preset with mass and spring as options (lee2019)")
+    parser.add_argument("--trajectories", type=int, default=60, help="in all, with those that are there (default 60)")
+    parser.add_argument("--frames", type=int, default=100, help="of each (default 100)")
+    parser.add_argument("--window", type=int, default=20, help="frames of a miniature run (default 20)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=1, help="processes (default 1)")
+    parser.add_argument("--out", type=Path, help="folder of the shards (default: in the user's cache)")
+    options = parser.parse_args(argv)
+    for name in ("trajectories", "frames", "window", "workers"):
+        if getattr(options, name) < 1:
+            parser.error(f"--{name} must be at least 1")
+    if options.window > options.frames:
+        parser.error("--window must be at most --frames")
+    cls: Any = load_preset(options.scene, options.preset)
+    if not {"mass", "spring"} <= set(cls.options):
+        parser.error(f"preset {options.preset} has no mass and spring to vary: use lee2019")
+    plan = Plan(options.scene, options.preset, options.frames, options.window, seed=options.seed)
+    folder = options.out or data_folder(options.scene, options.preset)
+    new = generate(plan, folder, options.trajectories, options.workers)
+    grid = cls.make_scene(resolution=cls.resolution, material=cls.material).grid
+    pairs = (grid.rows - 2) * (grid.cols - 2) * options.frames * options.trajectories
+    print(f"{folder}: {new} new of {options.trajectories} trajectories, {pairs:,} pairs at factor 2")
+    return 0
