@@ -16,7 +16,10 @@ from cloth_envs.state import State
 
 INTERPOLATIONS = {"bilinear": "linear", "biquadratic": "quadratic", "bicubic": "cubic"}
 # name -> "module:class", resolved on use; built as ``Class(coarse scene, fine scene, factor)``.
-LEARNED: dict[str, str] = {}
+LEARNED: dict[str, str] = {
+    "fc": "surrogates.published:FullyConnected",
+    "hdnn": "surrogates.published:HierarchicalDnn",
+}
 
 
 class Upscaler(Protocol):

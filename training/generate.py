@@ -77,42 +77,34 @@ def draw(plan: Plan, index: int) -> Draw:
     return Draw(mass, spring, dt, float(rng.uniform(0.3, 1.0)) * (index // HELD_OUT_EVERY % 2))
 
 
-def task_of(plan: Plan, own: Draw) -> Task:
+def task_of(scene: str, preset: str, own: Draw) -> Task:
     """The preset's task with this mass, spring constant and frame."""
-    cls: Any = load_preset(plan.scene, {"name": plan.preset, "mass": own.mass, "spring": own.spring})
+    cls: Any = load_preset(scene, {"name": preset, "mass": own.mass, "spring": own.spring})
     cls = type(cls.__name__, (cls,), {"frame_dt": own.frame_dt})
     return cls(cls.make_scene(resolution=cls.resolution, material=cls.material))
 
 
-def simulate(plan: Plan, index: int) -> tuple[Task, list[State], list[Controls]]:
-    """The teacher's states, the start first, and the controls of every frame.
-
-    Raises:
-        ValueError: the teacher did not stay finite.
-    """
-    own = draw(plan, index)
-    task = task_of(plan, own)
-    rng = np.random.default_rng((plan.seed, index, 1))
+def simulate(
+    task: Task, preset: str, rng: np.random.Generator, frames: int, push: float = 0.0
+) -> tuple[list[State], list[Controls]]:
+    """The teacher's states, the start first, and the controls of every frame, under actions of size ``push``."""
     start = task.start(rng)
     state = State.still(start.positions[None].astype(np.float32), start.colliders[None].astype(np.float32))
     state.velocities[:] = start.velocities
-    backend = reference(task.scene, num_envs=1, **solver_of(plan.preset))
+    backend = reference(task.scene, num_envs=1, **solver_of(preset))
     backend.reset(state)
-    actions = open_loop(
-        "smooth", max(plan.frames, 200), len(task.actions), task.scene.frame_dt, int(rng.integers(2**31))
-    )
+    seed = int(rng.integers(2**31))
+    actions = open_loop("smooth", max(frames, 200), len(task.actions), task.scene.frame_dt, seed)
     memory = {name: value[None] for name, value in start.memory.items()}
     episode = Episode(backend.state, memory, np.zeros((1, len(task.actions))))
     states, controls = [backend.state.copy()], []
-    for frame in range(plan.frames):
-        episode.action = own.push * np.asarray(actions[frame][None], np.float64)
+    for frame in range(frames):
+        episode.action = push * np.asarray(actions[frame][None], np.float64)
         control = task.controls(episode)
         controls.append(Controls(**{name: np.array(value) for name, value in vars(control).items()}))
         episode.state = backend.advance(control)
         states.append(episode.state.copy())
-    if not np.isfinite(states[-1].positions).all():
-        raise ValueError(f"trajectory {index} of {plan.scene} did not stay finite: use another --seed")
-    return task, states, controls
+    return states, controls
 
 
 def miniature_runs(plan: Plan, task: Task, states: list[State], controls: list[Controls], factor: int) -> np.ndarray:
@@ -136,18 +128,25 @@ def miniature_runs(plan: Plan, task: Task, states: list[State], controls: list[C
 
 
 def write_shard(plan: Plan, folder: Path, index: int) -> Path:
-    """Simulate one trajectory and store it; the file appears under its name only when it is whole."""
-    path = folder / f"{index:05d}.h5"
-    task, states, controls = simulate(plan, index)
+    """Simulate one trajectory and store it; the file appears under its name only when it is whole.
+
+    Raises:
+        ValueError: the teacher did not stay finite.
+    """
+    path, own = folder / f"{index:05d}.h5", draw(plan, index)
+    task = task_of(plan.scene, plan.preset, own)
+    rng = np.random.default_rng((plan.seed, index, 1))
+    states, controls = simulate(task, plan.preset, rng, plan.frames, own.push)
     positions = np.concatenate([state.positions for state in states])
+    if not np.isfinite(positions).all():
+        raise ValueError(f"trajectory {index} of {plan.scene} did not stay finite: use another --seed")
     part = path.with_suffix(".part")
     with h5py.File(part, "w") as file:
         file["positions"] = positions
         for factor in plan.factors:
             file[f"real/{factor}"] = miniature_runs(plan, task, states, controls, factor)
-        own = asdict(draw(plan, index))
         digest = hashlib.sha256(positions.tobytes()).hexdigest()
-        file.attrs.update(plan=plan.text(), index=index, sha256=digest, **own)
+        file.attrs.update(plan=plan.text(), index=index, sha256=digest, **asdict(own))
     part.replace(path)
     return path
 
