@@ -5,6 +5,7 @@
 #include "admm.hpp"
 #include "lanes.hpp"
 #include "particles.hpp"
+#include "upscale.hpp"
 
 namespace minicloth {
 
@@ -16,6 +17,7 @@ namespace minicloth {
   const NetLanes<double>& net_lanes(double);   \
   const AdmmLanes<float>& admm_lanes(float);   \
   const AdmmLanes<double>& admm_lanes(double); \
+  const UpscaleLanes& upscale_lanes();         \
   }
 DECLARE(baseline)
 #ifdef MINICLOTH_X86_LEVELS
@@ -81,6 +83,14 @@ const AdmmLanes<T>& best_admm_lanes() {
 }
 template const AdmmLanes<float>& best_admm_lanes<float>();
 template const AdmmLanes<double>& best_admm_lanes<double>();
+
+const UpscaleLanes& best_upscale_lanes() {
+#ifdef MINICLOTH_X86_LEVELS
+  if (kLevel == 2) return avx512::upscale_lanes();
+  if (kLevel == 1) return avx2::upscale_lanes();
+#endif
+  return baseline::upscale_lanes();
+}
 
 const char* best_lanes_name() { return kNames[kLevel]; }
 
