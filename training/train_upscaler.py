@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from itertools import pairwise
@@ -127,7 +128,7 @@ def train(recipe: Recipe, pairs: Pairs, state: Path, *, stop: int | None = None)
     begin = process_time()
     for step in tqdm(range(first, last), initial=first, total=recipe.steps, desc="steps", disable=None):
         for group in optimiser.param_groups:
-            group["lr"] = recipe.rate * (0.5 + 0.5 * np.cos(np.pi * step / recipe.steps))
+            group["lr"] = recipe.rate * (0.5 + 0.5 * math.cos(math.pi * step / recipe.steps))
         x, y = (torch.from_numpy(a) for a in pairs.draw(np.random.default_rng((recipe.seed, 3, step)), recipe.batch))
         found = x @ linear + offset + spread * net((x - mean) @ white)
         loss = ((found - y) ** 2).sum(1).mean() / spread**2
