@@ -25,14 +25,14 @@ struct Workspace {
       return;
     }
     stride = g.stride, rows = g.rows, begin = g.begin;
-    memory.assign(33 * g.size, T(0));
+    memory.assign(36 * g.size, T(0));
     T* p = memory.data();
     const auto take = [&](auto& planes) {
       for (T*& plane : planes) plane = std::exchange(p, p + g.size);
     };
     for (auto* s : {&now, &next}) take(s->x), take(s->v);
     for (auto& corner : air.corner) take(corner);
-    for (auto* e : {&edges.down, &edges.right, &edges.left}) take(*e);
+    for (auto* e : {&edges.sum, &edges.down, &edges.right, &edges.left}) take(*e);
   }
 };
 

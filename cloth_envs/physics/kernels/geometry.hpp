@@ -7,10 +7,11 @@
 namespace minicloth {
 
 // A vertex (r, c) is element origin + r * stride + c. Two ghost rows lie above and below and at least
-// two ghost columns between rows, so that a neighbour up to distance two is a constant offset.
-// Edges that do not exist have weight 0, which makes masks unnecessary.
+// two ghost columns between rows, so that a neighbour up to distance two is a constant offset. Open grids may be
+// packed, with no ghost columns: beyond the end of a row lies the next one. Edges that do not exist have weight 0,
+// which makes masks unnecessary.
 constexpr int kGhost = 2;
-constexpr int kBlock = 16;  // loops run over whole blocks, the tail lies in ghosts; a row is longer than one
+constexpr int kBlock = 16;  // loops run over whole blocks, the tail lies in ghosts
 
 // Starts on a cache line, so that vectors at multiples of kBlock lie in one line each.
 template <class T>
@@ -37,7 +38,7 @@ struct Geometry {
   Plane<T> inverse_area;  // 1/m^2, 0 in ghosts
   Plane<T> cell;          // 1 where a cell's upper left corner is, else 0
 
-  Geometry(int rows, int cols, double row_length, double col_length, bool periodic);
+  Geometry(int rows, int cols, double row_length, double col_length, bool periodic, bool packed = false);
   int at(int r, int c) const { return origin + r * stride + c; }
 };
 

@@ -10,7 +10,8 @@ namespace {
 // One substep. Every edge is evaluated once, by f = k (1 - L/|d|) d + c (d.w)/|d|^2 d with c = damping * k (under
 // compression with 1 - slack times the k of the first term)
 // and the share of quadratic bending that lies on it, at the vertex that it leaves towards column + 1,
-// row + 1 or a diagonal. It arrives one lane later (along) or about a row later, through memory.
+// row + 1 or a diagonal. It arrives one lane later (along) or about a row later, through memory; where rows are
+// shorter than a vector, once all edges have left.
 template <class T, bool kSlack, bool kDamping, bool kBending, bool kAir>
 void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, const Planes<T>& out, const Cells<T>& air,
           const Edges<T>& edges) {
@@ -23,8 +24,8 @@ void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, cons
   const T accelerate = p.accelerate, decay = p.decay, dt = p.dt, gravity_kick = p.gravity_kick;
   V3<T> previous = {};
 
-  for (int i = g.begin; i < g.end; i += kLanes<T>) {
-    const V3<T> x = at(in.x, i), v = at(in.v, i);
+  // Of the edges at a vertex except those that arrive through memory, the sum of forces.
+  const auto leave = [&](int i, const V3<T>& x, const V3<T>& v) __attribute__((always_inline)) {
     const V<T> none = {};
     const auto edge = [&](int j, const V<T>& k, T length, const V<T>& linear) __attribute__((always_inline)) {
       const V3<T> d = at(in.x, j) - x;
@@ -35,21 +36,24 @@ void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, cons
       return (k * pull + linear) * d;
     };
     const auto east = edge(i + 1, stretch * load(along + i), col_length, kBending ? bend * load(along_near + i) : none);
-    V3<T> f = east - V3<T>{late(previous.x, east.x), late(previous.y, east.y), late(previous.z, east.z)};
-    previous = east;
     const auto south = edge(i + s, stretch * load(down + i), row_length, kBending ? bend * load(down_near + i) : none);
-    put(edges.down, i, south);
-    f = f + (south - at(edges.down, i - s));
     const auto south_east = edge(i + s + 1, shear * load(right + i), diagonal, none);
-    put(edges.right, i, south_east);
-    f = f + (south_east - at(edges.right, i - s - 1));
     const auto south_west = edge(i + s - 1, shear * load(left + i), diagonal, none);
+    put(edges.down, i, south);
+    put(edges.right, i, south_east);
     put(edges.left, i, south_west);
-    f = f + (south_west - at(edges.left, i - s + 1));
+    const V3<T> f = (east - V3<T>{late(previous.x, east.x), late(previous.y, east.y), late(previous.z, east.z)}) +
+                    (south + (south_east + south_west));
+    previous = east;
+    return f;
+  };
+  // What arrives through memory, bending, air; then the substep itself.
+  const auto move = [&](int i, const V3<T>& x, const V3<T>& v, V3<T> f) __attribute__((always_inline)) {
+    f = f - (at(edges.down, i - s) + (at(edges.right, i - s - 1) + at(edges.left, i - s + 1)));
     if constexpr (kBending) {
       const auto far = [&](int j, const T* weight)
                            __attribute__((always_inline)) { return load(weight) * (at(in.x, j) - x); };
-      const V<T> b = none + bend;
+      const V<T> b = V<T>{} + bend;
       f = f + b * ((far(i + 2, along_far + i) + far(i - 2, along_far + i - 2)) +
                    (far(i + 2 * s, down_far + i) + far(i - 2 * s, down_far + i - 2 * s)));
     }
@@ -60,6 +64,15 @@ void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, cons
     const V3<T> u = {decay * v.x + kick * f.x, decay * v.y + kick * f.y, decay * v.z + (kick * f.z - gravity_kick)};
     put(out.v, i, u);
     put(out.x, i, V3<T>{x.x + dt * u.x, x.y + dt * u.y, x.z + dt * u.z});
+  };
+  if (s > kLanes<T>) {
+    for (int i = g.begin; i < g.end; i += kLanes<T>) {
+      const V3<T> x = at(in.x, i), v = at(in.v, i);
+      move(i, x, v, leave(i, x, v));
+    }
+  } else {
+    for (int i = g.begin; i < g.end; i += kLanes<T>) put(edges.sum, i, leave(i, at(in.x, i), at(in.v, i)));
+    for (int i = g.begin; i < g.end; i += kLanes<T>) move(i, at(in.x, i), at(in.v, i), at(edges.sum, i));
   }
 }
 
@@ -122,28 +135,39 @@ inline V3<T> axis_point(const T (&ends)[2][3], const V<T>& t) {
 // Swept contact with Coulomb friction. In the body's frame a vertex goes from p0 to p1; where it would
 // enter, the tangent plane at the entry point holds it, at the speed of the body. Friction takes up to
 // mu times the normal change of velocity from the sliding speed.
-template <class T>
-void contact(const Geometry<T>& g, const BodyStep<T>& b, const Planes<T>& in, const Planes<T>& out) {
+enum Shape { kSphere, kCapsule, kPlane };
+template <class T, Shape kShape>
+void contact_with(const Geometry<T>& g, const BodyStep<T>& b, const Planes<T>& in, const Planes<T>& out) {
   const T radius = b.radius, radius2 = radius * radius, rate = T(1) / b.dt, dt = b.dt, friction = b.friction;
   const V<T> zero = {}, one = zero + T(1);
+  const T slope[3] = {(b.after[0][0] - b.before[0][0]) * rate, (b.after[0][1] - b.before[0][1]) * rate,
+                      (b.after[0][2] - b.before[0][2]) * rate};
   for (int i = g.begin; i < g.end; i += kLanes<T>) {
     const V3<T> x1 = at(out.x, i);
-    V3<T> n, body;
+    V3<T> n, body = {zero + slope[0], zero + slope[1], zero + slope[2]};
     V<T> gap;
     auto touching = zero < zero;
-    if (b.plane) {
+    if constexpr (kShape == kPlane) {
       n = {zero + b.after[1][0], zero + b.after[1][1], zero + b.after[1][2]};
       const V3<T> point = {zero + b.after[0][0], zero + b.after[0][1], zero + b.after[0][2]};
       gap = dot(n, x1 - point) - radius;
       touching = gap < T(0);
-      body = {zero + (b.after[0][0] - b.before[0][0]) * rate, zero + (b.after[0][1] - b.before[0][1]) * rate,
-              zero + (b.after[0][2] - b.before[0][2]) * rate};
+      if (!any<T>(touching)) continue;
     } else {
       const V3<T> x0 = at(in.x, i);
-      const V<T> t1 = nearest(b.after, x1);
-      const V3<T> c0 = axis_point(b.before, nearest(b.before, x0)), c1 = axis_point(b.after, t1);
-      const V3<T> p0 = x0 - c0, p1 = x1 - c1, d = p1 - p0;
+      V<T> t1 = zero;
+      V3<T> p0, p1;
+      if constexpr (kShape == kSphere) {
+        p0 = {x0.x - b.before[0][0], x0.y - b.before[0][1], x0.z - b.before[0][2]};
+        p1 = {x1.x - b.after[0][0], x1.y - b.after[0][1], x1.z - b.after[0][2]};
+      } else {
+        t1 = nearest(b.after, x1);
+        p0 = x0 - axis_point(b.before, nearest(b.before, x0)), p1 = x1 - axis_point(b.after, t1);
+      }
+      const V3<T> d = p1 - p0;
       const V<T> start2 = dot(p0, p0), outside = start2 - radius2, along = dot(p0, d);
+      // Entering takes outside <= sqrt(disc) - along, of which neither is more than -along.
+      if (!any<T>((outside < T(0)) | (outside <= T(-2.01) * along))) continue;
       const V<T> disc = along * along - dot(d, d) * outside;
       const auto inside = outside < T(0);
       const V<T> safe = disc > T(0) ? disc : zero;
@@ -154,12 +178,12 @@ void contact(const Geometry<T>& g, const BodyStep<T>& b, const Planes<T>& in, co
       n = scale * (p0 + way * d);
       gap = dot(n, p1) - radius;
       touching = (inside | enters) & (gap < T(0));
-      const V<T> r = zero + rate;
-      body = r * (c1 - axis_point(b.before, t1));
+      if (!any<T>(touching)) continue;
+      if constexpr (kShape == kCapsule) {
+        const V<T> r = zero + rate;
+        body = r * (axis_point(b.after, t1) - axis_point(b.before, t1));
+      }
     }
-    bool any = false;
-    for (int k = 0; k < kLanes<T>; ++k) any |= touching[k] != 0;
-    if (!any) continue;
     const V3<T> v = at(out.v, i), u = v - body;
     const V<T> un = dot(u, n);
     const V<T> stop = (touching & (un < T(0))) ? -un : zero;  // normal change of velocity
@@ -170,6 +194,16 @@ void contact(const Geometry<T>& g, const BodyStep<T>& b, const Planes<T>& in, co
     put(out.v, i, v + (stop * n - hold * slide));
     put(out.x, i, x1 + (push * n - back * slide));
   }
+}
+
+template <class T>
+void contact(const Geometry<T>& g, const BodyStep<T>& b, const Planes<T>& in, const Planes<T>& out) {
+  const auto point = [](const T(&ends)[2][3]) {
+    return ends[0][0] == ends[1][0] && ends[0][1] == ends[1][1] && ends[0][2] == ends[1][2];
+  };
+  if (b.plane) return contact_with<T, kPlane>(g, b, in, out);
+  if (point(b.before) && point(b.after)) return contact_with<T, kSphere>(g, b, in, out);
+  contact_with<T, kCapsule>(g, b, in, out);
 }
 
 // Whether a state is sound. Unpadded arrays (3, rows, cols).

@@ -14,10 +14,11 @@ struct Cells {  // the air's force on the four corners of the cell at its upper 
   T* corner[4][3];
 };
 
-// Forces of the edges that leave every vertex towards row + 1 and both diagonals; 0 before Geometry::begin.
+// Forces of the edges that leave every vertex towards row + 1 and both diagonals, and (in narrow grids) the sum of
+// what a vertex feels without those that arrive from the row above; 0 before Geometry::begin.
 template <class T>
 struct Edges {
-  T *down[3], *right[3], *left[3];
+  T *sum[3], *down[3], *right[3], *left[3];
 };
 
 template <class T>

@@ -45,6 +45,23 @@ inline void store(T* p, const V<T>& v) {
   std::memcpy(p, &v, sizeof v);
 }
 
+// Whether a comparison holds in some lane.
+template <class T, class Mask>
+inline bool any(const Mask& mask) {
+#if defined(__AVX512F__)
+  return sizeof(T) == 4 ? _mm512_test_epi32_mask((__m512i)mask, (__m512i)mask) != 0
+                        : _mm512_test_epi64_mask((__m512i)mask, (__m512i)mask) != 0;
+#elif defined(__AVX2__)
+  return !_mm256_testz_si256((__m256i)mask, (__m256i)mask);
+#elif defined(__SSE2__)
+  return _mm_movemask_epi8((__m128i)mask) != 0;
+#else
+  bool found = false;
+  for (int k = 0; k < kLanes<T>; ++k) found |= mask[k] != 0;
+  return found;
+#endif
+}
+
 // 1 / sqrt(v) for v > 0; float: an estimate and one Newton step, about 1e-7 relative.
 inline V<float> rsqrt(V<float> v) {
 #if defined(__AVX512F__)
