@@ -12,6 +12,7 @@
 #include "implicit.hpp"
 #include "particles.hpp"
 #include "resample.hpp"
+#include "upscale.hpp"
 
 namespace nb = nanobind;
 using namespace minicloth;
@@ -74,7 +75,7 @@ void bind_solver(nb::module_& m, const char* name) {
             for (std::size_t i = 0; i < kinds.size(); ++i)
               world.bodies.push_back({kinds[i] == "plane", radii.at(i), frictions.at(i)});
             for (int h : world.handles) need(h >= 0 && h < rows * cols, "a handle is not a vertex of the grid");
-            new (self) Explicit<T>(Geometry<T>(rows, cols, row_length, col_length, periodic), std::move(world));
+            new (self) Explicit<T>(Geometry<T>(rows, cols, row_length, col_length, periodic, true), std::move(world));
           },
           nb::kw_only(), nb::arg("rows"), nb::arg("cols"), nb::arg("row_length"), nb::arg("col_length"),
           nb::arg("periodic"), nb::arg("frame_dt"), nb::arg("gravity"), nb::arg("thickness"), nb::arg("wind_normal"),
@@ -130,5 +131,6 @@ NB_MODULE(_minicloth_kernels, m) {
   bind_implicit(m);
   bind_particles(m);
   bind_resample(m);
+  bind_upscale(m);
   m.def("instruction_set", &best_lanes_name, "The instruction set that the kernels run on this processor.");
 }
