@@ -44,6 +44,7 @@ PRESETS: dict[str, dict[str, str]] = {
 
 # name -> "module:class or function that makes a Backend", resolved on use.
 BACKENDS: dict[str, str] = {
+    "cnn": "surrogates.physics_cnn:cnn",
     "reference": "cloth_envs.physics.solver:reference",
     "miniature": "surrogates.miniature:MiniatureBackend",
 }

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import imageio.v2 as imageio
+import pytest
 
 ROOT = Path(__file__).parents[1]
 
@@ -30,3 +32,22 @@ def test_gallery_runs(tmp_path: Path) -> None:
     assert sheet.shape == (600, 1200, 3)
     for tile in (sheet[:300, i : i + 400] for i in (0, 400, 800)):
         assert tile.std() > 10  # something is drawn in each
+
+
+def run_example(name: str) -> str:
+    path = ROOT / "examples" / f"{name}.py"
+    assert len(path.read_text().splitlines()) <= 80
+    return subprocess.run([sys.executable, str(path)], capture_output=True, text=True, check=True).stdout
+
+
+def test_forces_plug_into_the_cell() -> None:
+    drop, lift, free, slowed = (float(n) for n in re.findall(r"(-?[\d.]+) m", run_example("cnn_forces")))
+    assert drop < -10 < 0 < lift  # mm; g t^2 / 2 = 18 mm
+    assert free == pytest.approx(9.81 * 0.2, abs=0.01)
+    # v' = g - 4 v^2 gives 1.57 tanh(g t / 1.57) = 1.33 m/s; the network is a rough one.
+    assert slowed == pytest.approx(1.33, abs=0.15)
+
+
+def test_an_upscaler_goes_on_top_of_the_cell() -> None:
+    # Coarse physics errs by about as much: 4 to 9 mm on a curtain after five frames (docs/surrogates.md).
+    assert float(re.search(r"([\d.]+) mm off", run_example("cnn_upscaler"))[1]) < 15

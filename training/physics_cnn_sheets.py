@@ -1,0 +1,141 @@
+"""The cell of a sheet, identified from the reference's own steps: one number for every class of edges and branch."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import lstsq
+
+from cloth_envs.physics import reference
+from cloth_envs.physics.explicit import ExplicitSolver
+from cloth_envs.physics.stencil import edges, triples
+from cloth_envs.scene import Scene
+from cloth_envs.state import Controls, State
+from surrogates.physics_cnn import SHEET, CellSheet
+from training.bench.truth import Case, record, replay, vertex_error
+
+EDGES = ("along", "down", "right_diagonal", "left_diagonal")  # in the order of ``stencil.edges``
+BRANCHES = ("alpha", "beta", "gamma")
+NAMES = (
+    *(f"{branch}_{edge}" for branch in BRANCHES for edge in EDGES),
+    "bend_along",
+    "bend_down",
+    "bias_x",
+    "bias_y",
+    "bias_z",
+)
+# What the 17 numbers have in common once a spring is a spring: the rows of ``SHEET`` and the sideways bias.
+SHARED = np.zeros((len(NAMES), 7))
+for _k, _name in enumerate(NAMES):
+    _kind = {"be": 2, "ga": 3, "bi": 4}.get(_name[:2]) if not _name.startswith("beta") else None
+    _kind = (1 if "diagonal" in _name else 0) if _kind is None else _kind
+    SHARED[_k, {"bias_x": 5, "bias_y": 6}.get(_name, _kind)] = 1.0
+FRAMES = (2, 5, 8, 12, 16, 20, 25, 30, 35, 40)
+
+
+def columns(scene: Scene, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """What every number of ``NAMES`` multiplies, as accelerations ``(17, 3 N)`` of positions and velocities ``(3, N)``.
+
+    In units of the material: all numbers are 1 on the reference. An edge's share of the sheet's width, the masses and
+    where edges and bending terms end at borders are geometry, taken from ``stencil``.
+    """
+    material, mass = scene.material, scene.mass.ravel()
+    found = np.zeros((len(NAMES), *x.shape))
+    for k, edge in enumerate(edges(scene.grid)):
+        d, w = (a[:, edge.second] - a[:, edge.first] for a in (x, v))
+        n = d / np.sqrt((d * d).sum(0))
+        stiffness = getattr(material, edge.modulus) * edge.weight
+        branches = (stiffness * d, -stiffness * edge.rest * n, material.damping * stiffness * (w * n).sum(0) * n)
+        for branch, force in enumerate(branches):
+            found[4 * branch + k][:, edge.first] += force
+            found[4 * branch + k][:, edge.second] -= force
+    for k, t in enumerate(triples(scene.grid), 12):
+        second = material.bend_stiffness * t.weight * (x[:, t.before] - 2 * x[:, t.middle] + x[:, t.after])
+        for vertices, share in ((t.before, -1), (t.middle, 2), (t.after, -1)):
+            found[k][:, vertices] += share * second
+    found /= mass
+    found[-3:] = scene.gravity * np.array([1.0, 1.0, -1.0])[:, None, None] * np.eye(3)[:, :, None]
+    return found.reshape(len(NAMES), -1)
+
+
+def accelerations(scene: Scene, state: State, controls: Controls, substeps: int) -> np.ndarray:
+    """What the cell has to give: a substep of the reference, less drag, wind and pressure, ``(3 N,)`` [m/s^2].
+
+    The step is taken without handles and bodies, so that driven vertices tell their forces as well.
+    """
+    h = scene.frame_dt / substeps
+    solver = ExplicitSolver(replace(scene, frame_dt=h, handles=(), colliders=()), dtype="float64", substeps=1)
+    bare = State.still(state.positions)
+    bare.velocities[:] = state.velocities
+    solver.reset(bare)
+    hold = Controls.hold(bare, ())
+    hold.wind[:], hold.pressure[:] = controls.wind, controls.pressure
+    after = solver.advance(hold).velocities
+    drag = scene.material.drag * scene.drag
+    kick = -np.expm1(-drag * h) / drag if drag else h
+    total = (after - state.velocities * np.exp(-drag * h)) / kick
+    air = reference.wind_forces(scene, state.positions, state.velocities, controls.wind)
+    if scene.pressure:
+        air = air + reference.pressure_forces(scene.grid, state.positions, controls.pressure)
+    return (total - air / scene.mass)[0].ravel()
+
+
+class Identified(NamedTuple):
+    """``factors`` in the order of ``SHEET``, the numbers ``by_class`` in that of ``NAMES``, and relative errors.
+
+    ``sideways`` is the bias along x and y over gravity. ``error`` is that of the forces from ``factors`` on held-out
+    data, as a share of the forces' size.
+    """
+
+    factors: np.ndarray
+    by_class: np.ndarray
+    sideways: np.ndarray
+    error: float
+    data_hash: str
+
+
+def data(name: str, seed: int, frames: Sequence[int] = FRAMES) -> tuple[Scene, np.ndarray, np.ndarray]:
+    """Columns ``(17, R)`` and accelerations ``(R,)`` of states on an episode with smooth actions."""
+    scene, states, controls = record(Case(name, seed, refine=1), max(frames), frames)
+    substeps = int(ExplicitSolver(scene).substeps[0])
+    blocks, wanted = [], []
+    for frame in frames:
+        state = states[frame]
+        blocks.append(columns(scene, *(a[0].reshape(3, -1) for a in (state.positions, state.velocities))))
+        wanted.append(accelerations(scene, state, controls[frame - 1], substeps))
+    return scene, np.concatenate(blocks, 1), np.concatenate(wanted)
+
+
+def solve(block: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Least squares of ``block.T @ numbers = wanted``, with its columns scaled to one size."""
+    size = np.sqrt((block**2).mean(1))
+    return lstsq((block / size[:, None]).T, wanted)[0] / size
+
+
+def identify(name: str, *, seed: int = 100, held_out: int = 200, frames: Sequence[int] = FRAMES) -> Identified:
+    """The cell of the scene ``name`` from one episode, tested on another."""
+    _, block, wanted = data(name, seed, frames)
+    key = hashlib.sha256(block.tobytes() + wanted.tobytes()).hexdigest()
+    by_class = solve(block, wanted)
+    shared = solve(SHARED.T @ block, wanted)
+    _, block, wanted = data(name, held_out, frames)
+    error = np.linalg.norm(shared @ SHARED.T @ block - wanted) / np.linalg.norm(wanted)
+    return Identified(shared[: len(SHEET)], by_class, shared[len(SHEET) :], float(error), key)
+
+
+def sheet_errors(name: str, factors: Mapping[str, float], *, dtype: str = "float32", seed: int = 200) -> list[float]:
+    """Mean distance from the reference's vertices after 1, 5 and 10 frames, in % of the cloth's length.
+
+    Both start from the reference's state after 20 frames, in ``dtype``.
+    """
+    scene, states, controls = record(Case(name, seed, refine=1), 30, [20])
+    cell = CellSheet(scene, factors, dtype=dtype)
+    pairs = zip(
+        *(replay(b, states[20], controls[20:]) for b in (cell, ExplicitSolver(scene, dtype=dtype))), strict=True
+    )
+    found = [100 * vertex_error(scene, own, other) for (own, _), (other, _) in pairs]
+    return [float(f"{found[frame - 1]:.2g}") for frame in (1, 5, 10)]
