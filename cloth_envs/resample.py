@@ -73,12 +73,13 @@ class Resampler:
 
     def __init__(self, source: Grid, target: Grid, kind: str = "cubic") -> None:
         self._shape = target.shape
-        self._taps = [taps for matrix in weights(source, target, kind) for taps in _taps(matrix)]
+        taps = [taps for matrix in weights(source, target, kind) for taps in _taps(matrix)]
+        self._resample = kernels.Resample(*source.shape, *taps)
 
     def __call__(self, field: np.ndarray) -> np.ndarray:
         """``field`` on the target's vertices, ``(B, K, H', W')``."""
         out = np.empty((*field.shape[:2], *self._shape), np.float32)
-        kernels.resample(field, *self._taps, out)
+        self._resample(field, out)
         return out
 
 

@@ -5,6 +5,7 @@
 #include "admm.hpp"
 #include "lanes.hpp"
 #include "particles.hpp"
+#include "resample.hpp"
 #include "upscale.hpp"
 
 namespace minicloth {
@@ -18,6 +19,7 @@ namespace minicloth {
   const AdmmLanes<float>& admm_lanes(float);   \
   const AdmmLanes<double>& admm_lanes(double); \
   const UpscaleLanes& upscale_lanes();         \
+  Resample resample_lanes();                   \
   }
 DECLARE(baseline)
 #ifdef MINICLOTH_X86_LEVELS
@@ -90,6 +92,14 @@ const UpscaleLanes& best_upscale_lanes() {
   if (kLevel == 1) return avx2::upscale_lanes();
 #endif
   return baseline::upscale_lanes();
+}
+
+Resample best_resample() {
+#ifdef MINICLOTH_X86_LEVELS
+  if (kLevel == 2) return avx512::resample_lanes();
+  if (kLevel == 1) return avx2::resample_lanes();
+#endif
+  return baseline::resample_lanes();
 }
 
 const char* best_lanes_name() { return kNames[kLevel]; }

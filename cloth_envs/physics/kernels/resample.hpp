@@ -1,8 +1,26 @@
+// Interpolation of fields on a grid to another one, along columns and then along rows.
 #pragma once
-#include <nanobind/nanobind.h>
+#include <vector>
+
+namespace nanobind {
+class module_;
+}
 
 namespace minicloth {
 
+constexpr int kTaps = 4;
+
+// Every one of `count` new samples is a sum of old ones: tap t of c is number index[t * count + c], weight alike.
+struct Taps {
+  int taps, count;
+  std::vector<int> index;
+  std::vector<float> weight;
+};
+
+// Planes (h, w) of `in` to planes (rows.count, cols.count) of `out`.
+using Resample = void (*)(const float* in, int planes, int h, int w, const Taps& rows, const Taps& cols, float* out);
+
+Resample best_resample();
 void bind_resample(nanobind::module_& m);
 
 }  // namespace minicloth
