@@ -15,6 +15,7 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from surrogates.calibrated import load_factors
 from surrogates.coarse import SCALINGS, coarse_scene, miniature_material
+from surrogates.project import Projection
 from surrogates.upscaler import make_upscaler
 
 CLOTH = ("positions", "velocities")
@@ -23,7 +24,7 @@ CLOTH = ("positions", "velocities")
 class UpscaledState(State):
     """A state whose cloth is upscaled when it is first read."""
 
-    def __init__(self, coarse: State, upscale: Callable[[str], np.ndarray]) -> None:
+    def __init__(self, coarse: State, upscale: Callable[[State, str], np.ndarray]) -> None:
         self._upscale, self._batch = upscale, coarse.batch
         for name, value in coarse.arrays().items():
             if name not in CLOTH:
@@ -32,7 +33,7 @@ class UpscaledState(State):
     def __getattr__(self, name: str) -> np.ndarray:
         if name not in CLOTH:
             raise AttributeError(name)
-        value = self._upscale(name)
+        value = self._upscale(self, name)
         setattr(self, name, value)
         return value
 
@@ -46,7 +47,8 @@ class MiniatureBackend:
 
     It is computed enlarged to the cloth's size, where wind sees the upscaled velocity and bodies, handles and
     thickness need no scaling; ``coarse.miniature_material`` says why that is the same. Driven
-    vertices of the fine cloth are put exactly where they are driven.
+    vertices of the fine cloth are put exactly where they are driven, others never end in a body: ``contact`` puts
+    them on its surface and counts them.
 
     Args:
         scene: the scene at full resolution.
@@ -89,6 +91,7 @@ class MiniatureBackend:
         self.coarse = reference(coarse, num_envs=num_envs, solver=solver, **(solver_kwargs or {}))
         self._up = make_upscaler(upscaler, coarse, scene, factor)
         self._held = np.array(scene.handles, np.int32)
+        self.contact = Projection(scene)
         self._state: State | None = None
 
     def _effective(self, material: Material) -> Material:
@@ -155,9 +158,13 @@ class MiniatureBackend:
         self._history = history = [*self._history[1:], coarse]
         driven = {"positions": controls.handle_positions, "velocities": controls.handle_velocities}
 
-        def upscale(name: str) -> np.ndarray:
+        def upscale(state: State, name: str) -> np.ndarray:
             fine = getattr(self._up, name)(history)
             self._handles.place(fine, driven[name], self._held)
+            if name == "positions":
+                self.contact.positions(fine, state)
+            elif self.scene.colliders:
+                self.contact.velocities(fine, state.positions, state)
             return fine
 
         self._state = UpscaledState(coarse, upscale)
