@@ -32,6 +32,15 @@ if TYPE_CHECKING:
 ENGINES = ("compiled", "torch")
 PARTICLES = "cnn_particles"  # the default weights of nets; those of a sheet are cnn_<scene>
 SHEET = ("stretch_stiffness", "shear_stiffness", "bend_stiffness", "damping", "gravity")
+# A sheet's cell class by class: three branches of its edges in the order of ``stencil.edges``, bending, the weight.
+EDGES = ("along", "down", "right_diagonal", "left_diagonal")
+CLASSES = (
+    *(f"{branch}_{edge}" for branch in ("alpha", "beta", "gamma") for edge in EDGES),
+    *("bend_along", "bend_down", "bias_x", "bias_y", "bias_z"),
+)
+# Columns: which classes each number of ``SHEET`` stands for once a spring is a spring; then the sideways bias.
+SHARED = np.zeros((len(CLASSES), 7))
+SHARED[np.arange(17), [0, 0, 1, 1, 0, 0, 1, 1, 3, 3, 3, 3, 2, 2, 5, 6, 4]] = 1.0
 
 
 def cnn(
@@ -45,14 +54,14 @@ def cnn(
     device: str = "cpu",
     forces: Sequence[Force] = (),
 ) -> ParticleSolver | ExplicitSolver:
-    """The backend ``"cnn"``.
+    """The physics-embedded cell of Zhao 2024, fitted, in place of the solver's inner forces.
 
     Args:
         scene: a sheet, or a net of particles (presets of Zhao 2024).
         num_envs: members of the batch. threads: over them, of the compiled engine.
         dtype: ``"float32"`` or ``"float64"``.
         weights: a checkpoint's name; default ``"cnn_particles"`` or ``"cnn_<scene>"``.
-        engine: ``"compiled"``, or for nets of particles ``"torch"``, on ``device``.
+        engine: ``"compiled"``, or ``"torch"`` on ``device``.
         forces: plugged in to the torch engine, ``f(positions, velocities) -> (B, 3, H, W)`` [N] in tensors.
 
     Raises:
@@ -66,14 +75,16 @@ def cnn(
     if ("factors" in arrays) == (scene.particles is not None):
         of = "a sheet" if "factors" in arrays else "a net of particles"
         raise ValueError(f"weights {name!r} are of {of}, this scene is not: leave weights out")
+    factors = dict(zip(SHEET, arrays["factors"].tolist(), strict=True)) if scene.particles is None else {}
     if engine == "torch":
+        common |= {"device": device, "forces": forces}
         if scene.particles is None:
-            raise ValueError('engine="torch" steps nets of particles, this is a sheet: use engine="compiled"')
-        return TorchNet(scene, dimensional(scene, arrays), **common, device=device, forces=forces)
+            return TorchSheet(scene, factors, **common)
+        return TorchNet(scene, dimensional(scene, arrays), **common)
     if forces or device != "cpu":
         raise ValueError('forces and device belong to engine="torch": add it, or leave them out')
     if scene.particles is None:
-        return CellSheet(scene, dict(zip(SHEET, arrays["factors"].tolist(), strict=True)), **common)
+        return CellSheet(scene, factors, **common)
     return CellNet(scene, dimensional(scene, arrays), **common)
 
 
@@ -176,3 +187,50 @@ class TorchNet(ParticleSolver):
                     if held else None,
                 )  # fmt: skip
         new.positions[:], new.velocities[:] = x.cpu().numpy(), v.cpu().numpy()
+
+
+class TorchSheet(CellSheet):
+    """``CellSheet`` in torch: on GPUs, and with forces plugged in."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        factors: Mapping[str, float],
+        *,
+        num_envs: int = 1,
+        threads: int = 1,
+        dtype: str = "float32",
+        device: str = "cpu",
+        forces: Sequence[Force] = (),
+    ) -> None:
+        import torch
+
+        from surrogates.sheet_cell import SheetCell
+
+        self._materials = [scene.material] * num_envs
+        super().__init__(scene, factors, num_envs=num_envs, threads=threads, dtype=dtype)
+        numbers = SHARED[:, : len(SHEET)] @ [factors[name] for name in SHEET]
+        self.cell = SheetCell(scene, numbers, dtype=getattr(torch, dtype)).to(device)
+        self._forces = tuple(forces)
+
+    def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
+        super().set_materials(which, materials)  # for the number of substeps
+        for i, material in zip(which, materials, strict=True):
+            self._materials[i] = material
+
+    def step(self, old: State, new: State, controls: Controls) -> None:
+        import torch
+
+        from surrogates.sheet_cell import Moves, Sheets, frame
+
+        like = self.cell.areas
+        with torch.no_grad():
+            for count in np.unique(self.substeps):
+                which = np.flatnonzero(self.substeps == count)
+                part = Controls(**{name: value[which] for name, value in vars(controls).items()})
+                start = old.select(which)
+                x, v = (torch.as_tensor(a).to(like) for a in (start.positions, start.velocities))
+                sheets = Sheets.of(self.scene, [self._materials[i] for i in which], like)
+                moves = Moves.of(start, part, like)
+                x, v = frame(self.cell, self.scene, sheets, x, v, moves, int(count), self._forces)
+                new.positions[which], new.velocities[which] = x.cpu().numpy(), v.cpu().numpy()

@@ -15,36 +15,20 @@ from cloth_envs.physics.explicit import ExplicitSolver
 from cloth_envs.physics.stencil import edges, triples
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from surrogates.physics_cnn import SHEET, CellSheet
+from surrogates.physics_cnn import CLASSES, SHARED, SHEET, CellSheet
 from training.bench.truth import Case, record, replay, vertex_error
 
-EDGES = ("along", "down", "right_diagonal", "left_diagonal")  # in the order of ``stencil.edges``
-BRANCHES = ("alpha", "beta", "gamma")
-NAMES = (
-    *(f"{branch}_{edge}" for branch in BRANCHES for edge in EDGES),
-    "bend_along",
-    "bend_down",
-    "bias_x",
-    "bias_y",
-    "bias_z",
-)
-# What the 17 numbers have in common once a spring is a spring: the rows of ``SHEET`` and the sideways bias.
-SHARED = np.zeros((len(NAMES), 7))
-for _k, _name in enumerate(NAMES):
-    _kind = {"be": 2, "ga": 3, "bi": 4}.get(_name[:2]) if not _name.startswith("beta") else None
-    _kind = (1 if "diagonal" in _name else 0) if _kind is None else _kind
-    SHARED[_k, {"bias_x": 5, "bias_y": 6}.get(_name, _kind)] = 1.0
 FRAMES = (2, 5, 8, 12, 16, 20, 25, 30, 35, 40)
 
 
 def columns(scene: Scene, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """What every number of ``NAMES`` multiplies, as accelerations ``(17, 3 N)`` of positions and velocities ``(3, N)``.
+    """What every number of ``CLASSES`` multiplies, as accelerations ``(17, 3 N)``, from ``x``, ``v`` ``(3, N)``.
 
     In units of the material: all numbers are 1 on the reference. An edge's share of the sheet's width, the masses and
     where edges and bending terms end at borders are geometry, taken from ``stencil``.
     """
     material, mass = scene.material, scene.mass.ravel()
-    found = np.zeros((len(NAMES), *x.shape))
+    found = np.zeros((len(CLASSES), *x.shape))
     for k, edge in enumerate(edges(scene.grid)):
         d, w = (a[:, edge.second] - a[:, edge.first] for a in (x, v))
         n = d / np.sqrt((d * d).sum(0))
@@ -59,7 +43,7 @@ def columns(scene: Scene, x: np.ndarray, v: np.ndarray) -> np.ndarray:
             found[k][:, vertices] += share * second
     found /= mass
     found[-3:] = scene.gravity * np.array([1.0, 1.0, -1.0])[:, None, None] * np.eye(3)[:, :, None]
-    return found.reshape(len(NAMES), -1)
+    return found.reshape(len(CLASSES), -1)
 
 
 def accelerations(scene: Scene, state: State, controls: Controls, substeps: int) -> np.ndarray:
@@ -85,7 +69,7 @@ def accelerations(scene: Scene, state: State, controls: Controls, substeps: int)
 
 
 class Identified(NamedTuple):
-    """``factors`` in the order of ``SHEET``, the numbers ``by_class`` in that of ``NAMES``, and relative errors.
+    """``factors`` in the order of ``SHEET``, the numbers ``by_class`` in that of ``CLASSES``, and relative errors.
 
     ``sideways`` is the bias along x and y over gravity. ``error`` is that of the forces from ``factors`` on held-out
     data, as a share of the forces' size.

@@ -23,14 +23,14 @@ from cloth_envs.naming import unknown_name
 from cloth_envs.physics.particles import NEIGHBOURS
 from cloth_envs.registry import SCENES
 from surrogates.checkpoint import WEIGHTS, save
-from surrogates.physics_cnn import PARTICLES, SHEET, dimensionless
+from surrogates.physics_cnn import CLASSES, PARTICLES, SHEET, dimensionless
 from surrogates.stencil_cell import StencilCell
 from training.bench.store import read_names
 from training.bench.truth import cache_folder
 from training.physics_cnn_data import CASES, Sums, case, sums
 from training.physics_cnn_fit import Fit, Loss, Stage, as_cell, branch_scales, least_squares, numbers_of, rows, train
 from training.physics_cnn_score import Run, errors
-from training.physics_cnn_sheets import NAMES, identify, sheet_errors
+from training.physics_cnn_sheets import identify, sheet_errors
 
 DATA = {"fall": ("fall",), "blow": ("blow",), "both": ("fall", "blow")}
 CLOSED_FORM = "least_squares"
@@ -166,7 +166,7 @@ def sheets(names: Sequence[str], out: Path) -> None:
             "recipe": "least squares on 10 states of the reference under smooth actions (seed 100), all vertices",
             "data sha256": found.data_hash,
             "seconds, the reference's run included": round(seconds, 1),
-            "by class": dict(zip(NAMES, found.by_class.tolist(), strict=True)),
+            "by class": dict(zip(CLASSES, found.by_class.tolist(), strict=True)),
             "sideways bias over gravity": found.sideways.tolist(),
             "relative error of forces, held out (seed 200)": found.error,
             "mean vertex error to the reference after 1, 5, 10 frames, float32 [% of length]": sheet_errors(
