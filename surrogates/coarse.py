@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from _minicloth_kernels import place
+from _minicloth_kernels import follow, place
 from scipy.spatial import cKDTree
 
 from cloth_envs.grid import Grid
@@ -76,7 +76,7 @@ class Handles(NamedTuple):
             if distance[k] < 0.25 or not any(corner in driven for corner in around):
                 driven.setdefault(tuple(nearest[k]), k)
         vertices = tuple(row * coarse.cols + col % coarse.cols for row, col in driven)
-        follows = np.array(list(driven.values()), np.intp)
+        follows = np.array(list(driven.values()), np.int32)
         if not handles:
             nothing = np.zeros(0, np.int32)
             return cls(vertices, follows, nothing, nothing, np.zeros(0, np.float32))
@@ -101,11 +101,8 @@ class Handles(NamedTuple):
 
     def controls(self, controls: Controls, offsets: np.ndarray) -> Controls:
         """The controls of the coarse cloth; bodies, wind and pressure are the same."""
-        return replace(
-            controls,
-            handle_positions=controls.handle_positions[:, self.follows] + offsets,
-            handle_velocities=np.ascontiguousarray(controls.handle_velocities[:, self.follows]),
-        )
+        driven = follow(controls.handle_positions, controls.handle_velocities, self.follows, offsets)
+        return Controls(*driven, controls.colliders, controls.collider_velocities, controls.wind, controls.pressure)
 
 
 def coarse_scene(scene: Scene, factor: int, material: Material) -> tuple[Scene, Handles]:

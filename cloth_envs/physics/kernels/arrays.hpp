@@ -15,6 +15,17 @@ using In = nanobind::ndarray<const T, nanobind::ndim<kDims>, nanobind::c_contig,
 template <class T, int kDims>
 using Out = nanobind::ndarray<T, nanobind::ndim<kDims>, nanobind::c_contig, nanobind::device::cpu>;
 
+using Array = nanobind::ndarray<nanobind::numpy, double>;
+
+// An array of zeros.
+inline Array fresh(std::initializer_list<std::size_t> shape) {
+  std::size_t size = 1;
+  for (std::size_t n : shape) size *= n;
+  auto* data = new double[size]();
+  nanobind::capsule owner(data, [](void* p) noexcept { delete[] static_cast<double*>(p); });
+  return Array(data, shape, owner);
+}
+
 inline void need(bool good, const char* what) {
   if (!good) throw std::invalid_argument(std::string("wrong shape: ") + what);
 }

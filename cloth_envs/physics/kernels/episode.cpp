@@ -2,32 +2,23 @@
 // would do in several calls that cost more than the work.
 #include "episode.hpp"
 
-#include <nanobind/ndarray.h>
-
 #include <algorithm>
 #include <cmath>
 #include <vector>
+
+#include "arrays.hpp"
 
 namespace nb = nanobind;
 
 namespace minicloth {
 namespace {
 
-using Array = nb::ndarray<nb::numpy, double>;
 template <class T>
 using Cloth = nb::ndarray<const T, nb::ndim<4>, nb::c_contig, nb::device::cpu>;
 using Vertices = nb::ndarray<const int, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Row = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 template <class T>
 using Pairs = nb::ndarray<const T, nb::ndim<2>, nb::device::cpu>;
-
-Array fresh(std::initializer_list<std::size_t> shape) {
-  std::size_t size = 1;
-  for (std::size_t n : shape) size *= n;
-  auto* data = new double[size]();
-  nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<double*>(p); });
-  return Array(data, shape, owner);
-}
 
 template <class T>
 Array take_points(Cloth<T> x, Vertices vertices) {

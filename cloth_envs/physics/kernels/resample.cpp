@@ -64,9 +64,28 @@ void place(Out<float, 4> field, In<double, 3> driven, In<int, 1> handles, In<int
     }
 }
 
+// Positions (B, M, 3) of coarse handles at their offsets from the fine ones (B, N, 3) that they follow, and velocities.
+nb::tuple follow(In<double, 3> positions, In<double, 3> velocities, In<int, 1> follows, In<double, 3> offsets) {
+  const std::size_t batch = positions.shape(0), fine = positions.shape(1), count = follows.shape(0);
+  need(shaped(positions, {batch, fine, 3}) && shaped(velocities, {batch, fine, 3}), "handles must be (B, N, 3)");
+  need(shaped(offsets, {batch, count, 3}), "offsets must be (B, M, 3)");
+  Array x = fresh({batch, count, 3}), v = fresh({batch, count, 3});
+  for (std::size_t b = 0; b < batch; ++b)
+    for (std::size_t i = 0; i < count; ++i) {
+      need(std::size_t(follows.data()[i]) < fine, "no such handle");
+      const std::size_t from = 3 * (b * fine + follows.data()[i]), to = 3 * (b * count + i);
+      for (std::size_t k = 0; k < 3; ++k) {
+        x.data()[to + k] = positions.data()[from + k] + offsets.data()[to + k];
+        v.data()[to + k] = velocities.data()[from + k];
+      }
+    }
+  return nb::make_tuple(x, v);
+}
+
 }  // namespace
 
 void bind_resample(nb::module_& m) {
+  m.def("follow", &follow, "Positions and velocities of coarse handles that follow fine ones.");
   m.def("place", &place, "Puts handles where they are driven and shares what is missing with the vertices around.");
   nb::class_<Grids>(m, "Resample", "Writes (B, K, h, w) on another grid to out, by taps along rows and columns.")
       .def("__init__",

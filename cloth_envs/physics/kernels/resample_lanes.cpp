@@ -26,7 +26,8 @@ inline F pick(const F& a, const F& b, const I& number) {
 }
 
 // Lines of w old samples to lines of cols.count new ones, `width` apart: a vector of new samples at a time, whose old
-// samples mostly lie in two vectors from the first of them on. `line` holds w samples and two vectors of zeros.
+// samples mostly lie in two vectors from the first of them on. `line` holds w samples and two vectors more, for lines
+// so near the end that the vectors reach beyond it.
 void along(const float* in, int lines, int w, const Taps& cols, float* line, float* wide, int width) {
   for (int c = 0; c < cols.count; c += kWide) {
     const int some = std::min(kWide, cols.count - c);
@@ -46,7 +47,7 @@ void along(const float* in, int lines, int w, const Taps& cols, float* line, flo
     const bool near = last - first < 2 * kWide;
     for (int r = 0; r < lines; ++r) {
       const float* from = in + r * w;
-      if (first + 2 * kWide > w) {  // not beyond the line
+      if ((lines - r) * w < first + 2 * kWide) {
         std::copy_n(from + first, w - first, line + first);
         from = line;
       }
@@ -63,44 +64,46 @@ void along(const float* in, int lines, int w, const Taps& cols, float* line, flo
   }
 }
 
-// One new line: the sum of taps over old lines `width` apart. A whole number of vectors is written.
+// to = the sum of `n` lines times a weight each. A whole number of vectors is written.
+template <int n>
+void add(const float* const* lines, const float* weights, int count, float* to) {
+  const float* line[n];
+  F weight[n];
+#pragma GCC unroll 4
+  for (int t = 0; t < n; ++t) line[t] = lines[t], weight[t] = F{} + weights[t];
+  for (int c = 0; c < count; c += kWide) {
+    F sum = weight[0] * load(line[0] + c);
+#pragma GCC unroll 4
+    for (int t = 1; t < n; ++t) sum += weight[t] * load(line[t] + c);
+    store(to + c, sum);
+  }
+}
+
+// New line r: the sum of taps over old lines `width` apart.
 void across(const float* wide, int width, int r, const Taps& rows, int count, float* to) {
   const float* line[kTaps];
-  F weight[kTaps];
-  int taps = 0;
+  float weight[kTaps];
+  int n = 0;
   for (int t = 0; t < rows.taps; ++t)
-    if (const float w = rows.weight[t * rows.count + r]; w != 0) {
-      weight[taps] = F{} + w;
-      line[taps++] = wide + rows.index[t * rows.count + r] * width;
-    }
-  if (taps == 1)
-    for (int c = 0; c < count; c += kWide) store(to + c, weight[0] * load(line[0] + c));
-  else if (taps == 2)
-    for (int c = 0; c < count; c += kWide) store(to + c, weight[0] * load(line[0] + c) + weight[1] * load(line[1] + c));
-  else if (taps == 3)
-    for (int c = 0; c < count; c += kWide)
-      store(to + c, weight[0] * load(line[0] + c) + weight[1] * load(line[1] + c) + weight[2] * load(line[2] + c));
-  else
-    for (int c = 0; c < count; c += kWide)
-      store(to + c, (weight[0] * load(line[0] + c) + weight[1] * load(line[1] + c)) +
-                        (weight[2] * load(line[2] + c) + weight[3] * load(line[3] + c)));
+    if (const float w = rows.weight[t * rows.count + r]; w != 0 || (n == 0 && t == rows.taps - 1))
+      weight[n] = w, line[n++] = wide + rows.index[t * rows.count + r] * width;
+  constexpr decltype(&add<1>) kAdd[] = {add<1>, add<2>, add<3>, add<4>};
+  kAdd[n - 1](line, weight, count, to);
 }
 
 void resample(const float* in, int planes, int h, int w, const Taps& rows, const Taps& cols, float* out) {
   const int width = (cols.count + kWide - 1) / kWide * kWide;
   thread_local Plane<float> wide, line, end;
-  wide.resize(h * width);
-  line.assign(w + 2 * kWide, 0.0f);
+  wide.resize(planes * h * width);
+  line.resize(w + 2 * kWide);
   end.resize(width);
-  for (int p = 0; p < planes; ++p) {
-    along(in + p * h * w, h, w, cols, line.data(), wide.data(), width);
-    for (int r = 0; r < rows.count; ++r, out += cols.count) {
+  along(in, planes * h, w, cols, line.data(), wide.data(), width);
+  for (int p = 0, left = planes * rows.count * cols.count; p < planes; ++p)
+    for (int r = 0; r < rows.count; ++r, out += cols.count, left -= cols.count) {
       // What a line writes beyond its end is overwritten by the ones after it, if there are enough of them.
-      const bool room = ((planes - p) * rows.count - r) * cols.count >= width;
-      across(wide.data(), width, r, rows, cols.count, room ? out : end.data());
-      if (!room) std::copy_n(end.data(), cols.count, out);
+      across(wide.data() + p * h * width, width, r, rows, cols.count, left >= width ? out : end.data());
+      if (left < width) std::copy_n(end.data(), cols.count, out);
     }
-  }
 }
 
 }  // namespace
