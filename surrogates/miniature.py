@@ -26,9 +26,8 @@ class UpscaledState(State):
 
     def __init__(self, coarse: State, upscale: Callable[[State, str], np.ndarray]) -> None:
         self._upscale, self._batch = upscale, coarse.batch
-        for name, value in coarse.arrays().items():
-            if name not in CLOTH:
-                setattr(self, name, value)
+        self.colliders, self.collider_velocities = coarse.colliders, coarse.collider_velocities
+        self.wind, self.pressure, self.time = coarse.wind, coarse.pressure, coarse.time
 
     def __getattr__(self, name: str) -> np.ndarray:
         if name not in CLOTH:

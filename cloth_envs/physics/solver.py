@@ -164,15 +164,12 @@ class Solver(ABC):
 
     def advance(self, controls: Controls) -> State:
         old = self.state
+        shape, dtype = old.positions.shape, self.dtype
         new = State(
-            positions=np.empty_like(old.positions),
-            velocities=np.empty_like(old.velocities),
-            colliders=controls.colliders.astype(self.dtype),
-            collider_velocities=controls.collider_velocities.astype(self.dtype),
-            wind=controls.wind,
-            pressure=controls.pressure,
-            time=old.time + self.scene.frame_dt,
-        )
+            np.empty(shape, dtype), np.empty(shape, dtype),
+            controls.colliders.astype(dtype), controls.collider_velocities.astype(dtype),
+            controls.wind, controls.pressure, old.time + self.scene.frame_dt,
+        )  # fmt: skip
         self.step(old, new, controls)
         self._state = new
         return new
