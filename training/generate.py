@@ -48,7 +48,7 @@ class Plan:
     scene: str
     preset: str = "lee2019"
     frames: int = 100
-    window: int = 20
+    window: int = 5
     factors: tuple[int, ...] = (2, 3, 4)
     mass: tuple[float, float] = (1.5, 4.5)
     spring: tuple[float, float] = (40.0, 150.0)
@@ -192,7 +192,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--preset", default="lee2019", help="a preset with mass and spring as options (lee2019)")
     parser.add_argument("--trajectories", type=int, default=60, help="in all, with those that are there (default 60)")
     parser.add_argument("--frames", type=int, default=100, help="of each (default 100)")
-    parser.add_argument("--window", type=int, default=20, help="frames of a miniature run (default 20)")
+    parser.add_argument("--window", type=int, default=5, help="frames of a miniature run (default 5)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=1, help="processes (default 1)")
     parser.add_argument("--out", type=Path, help="folder of the shards (default: in the user's cache)")
