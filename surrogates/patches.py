@@ -53,7 +53,10 @@ class Layout:
     def merge(self, patches: np.ndarray) -> np.ndarray:
         """What ``patches`` ``(B P, 3 p)`` say of each vertex, averaged, ``(B, 3, vertices)``; 0 if they do not."""
         each = patches.reshape(-1, self.points.size, 3)
-        return np.stack([(self._average @ one).T for one in each])
+        merged = np.empty((len(each), 3, self.vertices), patches.dtype)
+        for out, one in zip(merged, each, strict=True):
+            out[:] = (self._average @ one).T
+        return merged
 
     def seam(self, patches: np.ndarray) -> float:
         """Mean distance [m] of what ``patches`` ``(B P, 3 p)`` say from the average, at vertices that several give."""
