@@ -25,14 +25,18 @@ struct Workspace {
       return;
     }
     stride = g.stride, rows = g.rows, begin = g.begin;
-    memory.assign(36 * g.size, T(0));
+    // Edges wait for about a row; in narrow grids all of them do.
+    edges.ring = g.stride <= kBlock ? int(g.size) : (g.stride + 2 * kBlock) / kBlock * kBlock;
+    const std::size_t waiting = std::size_t(edges.ring) + kBlock;
+    memory.assign(27 * g.size + 9 * waiting, T(0));
     T* p = memory.data();
-    const auto take = [&](auto& planes) {
-      for (T*& plane : planes) plane = std::exchange(p, p + g.size);
+    const auto take = [&](auto& planes, std::size_t size) {
+      for (T*& plane : planes) plane = std::exchange(p, p + size);
     };
-    for (auto* s : {&now, &next}) take(s->x), take(s->v);
-    for (auto& corner : air.corner) take(corner);
-    for (auto* e : {&edges.sum, &edges.down, &edges.right, &edges.left}) take(*e);
+    for (auto* s : {&now, &next}) take(s->x, g.size), take(s->v, g.size);
+    for (auto& corner : air.corner) take(corner, g.size);
+    take(edges.sum, g.size);
+    for (auto* e : {&edges.down, &edges.right, &edges.left}) take(*e, waiting);
   }
 };
 

@@ -1,6 +1,8 @@
 // Compiled once per instruction set; LANES names the namespace.
 #include "lanes.hpp"
 
+#include <algorithm>
+
 #include "nearest.hpp"
 #include "simd.hpp"
 
@@ -24,6 +26,17 @@ void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, cons
   const T *along_far = g.along_far.data(), *down_far = g.down_far.data(), *inverse_area = g.inverse_area.data();
   const T accelerate = p.accelerate, decay = p.decay, dt = p.dt, gravity_kick = p.gravity_kick;
   V3<T> previous = {};
+  const bool narrow = s <= kBlock;
+  if (!narrow)
+    for (const auto* planes : {&edges.down, &edges.right, &edges.left})
+      for (T* plane : *planes) std::fill_n(plane, edges.ring + kBlock, T(0));
+  // What left `k` elements ago is at back(k), when `place` is where the present block is put.
+  int place = narrow ? g.begin : 0;
+  const auto back = [&](int k) { return place < k ? place - k + edges.ring : place - k; };
+  const auto pass = [&](T* const(&planes)[3], const V3<T>& force) __attribute__((always_inline)) {
+    put(planes, place, force);
+    if (place < kBlock) put(planes, place + edges.ring, force);
+  };
 
   // Of the edges at a vertex except those that arrive through memory, the sum of forces.
   const auto leave = [&](int i, const V3<T>& x, const V3<T>& v) __attribute__((always_inline)) {
@@ -40,9 +53,9 @@ void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, cons
     const auto south = edge(i + s, stretch * load(down + i), row_length, kBending ? bend * load(down_near + i) : none);
     const auto south_east = edge(i + s + 1, shear * load(right + i), diagonal, none);
     const auto south_west = edge(i + s - 1, shear * load(left + i), diagonal, none);
-    put(edges.down, i, south);
-    put(edges.right, i, south_east);
-    put(edges.left, i, south_west);
+    pass(edges.down, south);
+    pass(edges.right, south_east);
+    pass(edges.left, south_west);
     const V3<T> f = (east - V3<T>{late(previous.x, east.x), late(previous.y, east.y), late(previous.z, east.z)}) +
                     (south + (south_east + south_west));
     previous = east;
@@ -50,7 +63,7 @@ void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, cons
   };
   // What arrives through memory, bending, air; then the substep itself.
   const auto move = [&](int i, const V3<T>& x, const V3<T>& v, V3<T> f) __attribute__((always_inline)) {
-    f = f - (at(edges.down, i - s) + (at(edges.right, i - s - 1) + at(edges.left, i - s + 1)));
+    f = f - (at(edges.down, back(s)) + (at(edges.right, back(s + 1)) + at(edges.left, back(s - 1))));
     if constexpr (kBending) {
       const auto far = [&](int j, const T* weight)
                            __attribute__((always_inline)) { return load(weight) * (at(in.x, j) - x); };
@@ -66,14 +79,17 @@ void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, cons
     put(out.v, i, u);
     put(out.x, i, V3<T>{x.x + dt * u.x, x.y + dt * u.y, x.z + dt * u.z});
   };
-  if (s > kLanes<T>) {
+  if (narrow) {
+    for (int i = g.begin; i < g.end; i += kLanes<T>, place = i) put(edges.sum, i, leave(i, at(in.x, i), at(in.v, i)));
+    place = g.begin;
+    for (int i = g.begin; i < g.end; i += kLanes<T>, place = i) move(i, at(in.x, i), at(in.v, i), at(edges.sum, i));
+  } else {
     for (int i = g.begin; i < g.end; i += kLanes<T>) {
       const V3<T> x = at(in.x, i), v = at(in.v, i);
       move(i, x, v, leave(i, x, v));
+      place += kLanes<T>;
+      if (place == edges.ring) place = 0;
     }
-  } else {
-    for (int i = g.begin; i < g.end; i += kLanes<T>) put(edges.sum, i, leave(i, at(in.x, i), at(in.v, i)));
-    for (int i = g.begin; i < g.end; i += kLanes<T>) move(i, at(in.x, i), at(in.v, i), at(edges.sum, i));
   }
 }
 

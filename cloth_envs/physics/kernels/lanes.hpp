@@ -19,6 +19,7 @@ struct Cells {  // the air's force on the four corners of the cell at its upper 
 template <class T>
 struct Edges {
   T *sum[3], *down[3], *right[3], *left[3];
+  int ring;  // an element's place is its number modulo this; the first block is repeated after the last
 };
 
 template <class T>
