@@ -64,3 +64,5 @@ def _recipes() -> dict[str, Recipe]:
 
 
 RECIPES = _recipes()
+# Those whose weights the package holds.
+SHIPPED = {f"{kind}-{scene.lower()}-{factor}" for kind in ("fc", "hdnn") for scene in SCENES for factor in FACTORS}

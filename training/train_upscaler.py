@@ -32,7 +32,7 @@ from surrogates.mlp import Mlp
 from training.bench.truth import cache_folder
 from training.dataset import Pairs, data_hash, read, shards
 from training.generate import data_folder
-from training.recipes import RECIPES, Recipe
+from training.recipes import RECIPES, SHIPPED, Recipe
 
 PROBE = 100_000  # pairs for the statistics, and for the errors of the card
 LEAST_VARIANCE = 1e-7  # of a principal component that is whitened, over the largest one's
@@ -157,7 +157,7 @@ def weights_name(name: str) -> str:
 
 
 def work_folder() -> Path:
-    """Of checkpoints, and of weights that are not shipped."""
+    """Of checkpoints; its ``weights`` are those that are not shipped."""
     return cache_folder().parent / "upscalers"
 
 
@@ -206,11 +206,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="minicloth train upscaler", description=__doc__)
     parser.add_argument("--recipe", required=True, help="one of " + ", ".join(RECIPES))
     parser.add_argument("--data", type=Path, help="folder of `minicloth generate` (default: in the user's cache)")
-    parser.add_argument("--out", type=Path, help="folder of the weights (default: those that are shipped)")
+    parser.add_argument("--out", type=Path, help="folder of the weights (default: the package's, or a cache)")
     parser.add_argument("--fresh", action="store_true", help="start again instead of going on")
     options = parser.parse_args(argv)
     if options.recipe not in RECIPES:
         raise unknown_name("recipe", options.recipe, RECIPES)
-    card = run(options.recipe, options.data, options.out or WEIGHTS, fresh=options.fresh)
+    out = options.out or (WEIGHTS if options.recipe in SHIPPED else work_folder() / "weights")
+    card = run(options.recipe, options.data, out, fresh=options.fresh)
     print(json.dumps({"seconds": card["seconds"], **card["errors"]["held out"]}))
     return 0

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from surrogates.checkpoint import WEIGHTS
 from training.bench.published_runs import (
@@ -36,6 +37,7 @@ from training.bench.published_runs import (
     upscaled,
     upscalers,
 )
+from training.bench.store import Store
 from training.recipes import FACTORS, SCENES, Recipe
 
 HORIZONS = (10, 14, 25, 100)  # frames of free runs
@@ -73,6 +75,7 @@ class Row:
 
 
 KEY = ("table", "scene", "options", "factor", "method", "protocol", "frames", "measure")
+POINT_KEY = ("scene", "protocol", "method", "frame")
 
 
 @dataclass(frozen=True)
@@ -110,7 +113,6 @@ def score(
     if table == "T7":
         found["free", "teacher nudged"] = nudged(run)
         found["free", "teacher, 30 iterations"] = teacher_again(run, iterations=30)
-    text = " ".join(f"{name}={value:g}" for name, value in options.items())
     rows: list[Row] = []
     points: list[Point] = []
     for (protocol, method), errors in found.items():
@@ -119,7 +121,7 @@ def score(
                 continue
             paper = _paper(table, scene, factor, method) if protocol == "free" and horizon == frames else NAN
             value = float(errors[:horizon].mean())
-            rows.append(Row(table, scene, text, factor, method, protocol, horizon, "error", value, paper))
+            rows.append(Row(table, scene, _text(options), factor, method, protocol, horizon, "error", value, paper))
         shown = [k for k in range(1, len(errors) + 1) if k <= 20 or k % 4 == 0]
         points += [Point(scene, protocol, method, k, float(errors[k - 1])) for k in shown]
     return rows, points
@@ -194,15 +196,49 @@ def pairs(folders: Sequence[Path]) -> Iterator[Row]:
             yield Row("T5", scene, "", 2, "bilinear", "held out", 1, "mse", value, NAN)
 
 
-def everything(frames: int, count: int, extra: Path | None = None) -> tuple[list[Row], list[Point]]:
-    """All rows, and the points of table 7's runs."""
-    rows, points = list(pairs([WEIGHTS, *([extra] if extra else [])])), list[Point]()
+def measure(rows: Store[Row], points: Store[Point], *, frames: int, count: int, extra: Path | None = None) -> None:
+    """Add what is missing to ``rows`` and, of table 7's runs, to ``points``; tables 3 and 5 are read again."""
+    rows.add(*pairs([WEIGHTS, *([extra] if extra else [])]))
+    wanted: list[tuple[str, str, int, Mapping[str, float]]] = []
     for scene in SCENES:
-        more, new = score("T7", scene, 2, frames, {}, extra)
-        rows, points = rows + more, points + new
-        rows += [row for factor in FACTORS for row in score("T4", scene, factor, frames, {}, None)[0]]
-        for figure, variants in VARIED.items():
-            rows += [row for options in variants for row in score(figure, scene, 2, frames, options)[0]]
-        rows += [*windows(scene, 2, count, extra), *speeds(scene, frames)]
-    rows += [row for options in TURNED for row in score("fig15", "Flag", 2, frames, options)[0]]
-    return rows, points
+        wanted += [("T7", scene, 2, {})] + [("T4", scene, factor, {}) for factor in FACTORS]
+        wanted += [(figure, scene, 2, options) for figure, variants in VARIED.items() for options in variants]
+    wanted += [("fig15", "Flag", 2, options) for options in TURNED]
+    for table, scene, factor, options in tqdm(wanted, desc="tables with networks", disable=None):
+        if not _known(rows, table, scene, _text(options), factor):
+            new, by_frames = score(table, scene, factor, frames, options, extra if table == "T7" else None)
+            rows.add(*new)
+            if table == "T7":
+                points.add(*by_frames)
+    for scene in SCENES:
+        if not _known(rows, "held out", scene, "", 2):
+            rows.add(*windows(scene, 2, count, extra))
+        if not _known(rows, "T8", scene, "", 2):
+            rows.add(*speeds(scene, frames))
+
+
+def _known(rows: Store[Row], *key: Any) -> bool:
+    return any((r.table, r.scene, r.options, r.factor) == key for r in rows.rows)
+
+
+def _text(options: Mapping[str, float]) -> str:
+    return " ".join(f"{name}={value:g}" for name, value in options.items())
+
+
+def text(rows: Sequence[Row]) -> str:
+    """The tables for people: a line for each method, its numbers by protocol and frames."""
+    lines, last = [], ""
+    groups: dict[tuple[Any, ...], list[Row]] = {}
+    for r in rows:
+        groups.setdefault((r.table, r.scene, r.options, r.factor, r.method), []).append(r)
+    for (table, scene, options, factor, method), found in groups.items():
+        if table != last:
+            lines.append(f"\n{table}: errors in m, mse in m^2 (paper in brackets)")
+            last = table
+        numbers = [
+            f"{r.protocol} {r.frames}: {r.value:.3g} {'' if r.measure == 'error' else r.measure}".rstrip()
+            + (f" ({r.paper:.4g})" if np.isfinite(r.paper) else "")
+            for r in found
+        ]
+        lines.append(f"{f'{scene} s={factor} {options} {method}':44s} " + ", ".join(numbers))
+    return "\n".join(lines)

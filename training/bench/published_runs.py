@@ -27,6 +27,7 @@ PRESET = "lee2019"
 # Every upscaler here is scored in every table and drawn in every chart, where it has weights: one name a line more.
 UPSCALERS = ("bilinear", "biquadratic", "bicubic", "hdnn", "fc")
 UNSCALED = "hdnn unscaled"  # H-DNN-like as its paper has it: on a coarse cloth of the fine particles' mass
+OTHERS = ("real", "random")  # recipes beside those shipped: learnt from real miniatures, started at random
 NUDGE = 1e-6  # m, standard deviation of how far a nudged teacher starts from the teacher
 HISTORY = 3
 
@@ -95,7 +96,7 @@ def decimated(run: Run, factor: int) -> list[State]:
 
 
 def upscalers(run: Run, factor: int, names: Sequence[str], extra: Path | None = None) -> dict[str, Upscaler]:
-    """Those of ``names`` that have weights for this scene; more networks in the folder ``extra``, by recipe's name."""
+    """Those of ``names`` that have weights for this scene, and ``OTHERS`` in the folder ``extra``."""
     coarse, _ = coarse_scene(run.scene, factor, run.scene.material)
     found: dict[str, Upscaler] = {}
     for name in names:
@@ -104,8 +105,9 @@ def upscalers(run: Run, factor: int, names: Sequence[str], extra: Path | None = 
         except ValueError:
             continue
     stem = f"fc_{run.scene.name.lower()}_{factor}"
-    for path in sorted(extra.glob(f"{stem}*.safetensors")) if extra else []:
-        found[path.stem.replace("_", "-")] = FullyConnected(coarse, run.scene, factor, weights=load(path.stem, extra))
+    for kind in OTHERS:
+        if extra and (extra / f"{stem}_{kind}.safetensors").is_file():
+            found[f"fc {kind}"] = FullyConnected(coarse, run.scene, factor, weights=load(f"{stem}_{kind}", extra))
     for each in found.values():
         each.set_materials([0], [run.scene.material])
     return found

@@ -1,9 +1,9 @@
 """``minicloth bench tables``: the tables of Lee, Oh & Lee 2019 (seed 000), ours beside the paper's.
 
-So far the parts that need no network: 4 (down-sampling factor), 6 (interpolation) and 8 (time). Errors are the mean
-distance of the particles from those of the teacher, P-ADMM with 10 iterations at full resolution, over the first
-frames of preset "lee2019" with zero actions. That is agreement with a teacher, not accuracy. "Oracle" upscales the
-teacher's own decimated positions, "real" a real miniature run.
+Here the parts that need no network: 4 (down-sampling factor), 6 (interpolation) and 8 (time); ``published`` has those
+that do, and the figures. Errors are the mean distance of the particles from those of the teacher, P-ADMM with 10
+iterations at full resolution, over the first frames of preset "lee2019" with zero actions. That is agreement with a
+teacher, not accuracy. "Oracle" upscales the teacher's own decimated positions, "real" a real miniature run.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ from cloth_envs.resample import Resampler, resample
 from cloth_envs.world import World
 from surrogates.coarse import coarse_grid
 from surrogates.upscaler import INTERPOLATIONS
+from training.bench import published, published_chart
 from training.bench.throughput import write_rows
+from training.train_upscaler import work_folder
 
 TEACHER = {"solver": "admm", "iterations": 10}
 SCENES = ("Curtain", "Flag", "Collision")
@@ -129,13 +131,37 @@ def text(found: list[Row]) -> str:
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="minicloth bench tables", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="10 frames instead of 100; says that it is quick")
-    parser.add_argument("--out", type=Path, help="folder for tables.csv and tables.json")
+    parser.add_argument("--out", type=Path, help="folder of tables.csv, published.csv (kept and completed) and .json")
+    parser.add_argument("--images", type=Path, help="folder for the charts")
+    parser.add_argument("--networks", action="store_true", help="only what needs networks")
     options = parser.parse_args(argv)
+    if options.out:
+        options.out.mkdir(parents=True, exist_ok=True)
+    networks(options)
+    if options.networks:
+        return 0
     found = list(rows(10 if options.quick else 100))
     print(text(found) + ("\n(quick)" if options.quick else ""))
     if options.out:
-        options.out.mkdir(parents=True, exist_ok=True)
         write_rows(options.out / "tables.csv", found)
         about = {**header(), "quick": options.quick, "teacher": TEACHER, "threads": 1}
         (options.out / "tables.json").write_text(json.dumps(about, indent=2) + "\n")
     return 0
+
+
+def networks(options: argparse.Namespace) -> None:
+    """The part with networks: rows, tables for people, charts."""
+    out = options.out
+    store = published.Store(out and out / "published.csv", published.Row, published.KEY)
+    points = published.Store(out and out / "published_frames.csv", published.Point, published.POINT_KEY)
+    extra = work_folder() / "weights"
+    frames, count = (10, 1) if options.quick else (100, published.HELD_OUT)
+    published.measure(store, points, frames=frames, count=count, extra=extra if extra.is_dir() else None)
+    print(published.text(store.rows))
+    if out:
+        about = {**header(), "quick": options.quick, "teacher": TEACHER, "threads": 1}
+        (out / "published.json").write_text(json.dumps(about, indent=2) + "\n")
+    if options.images:
+        charts: Any = {"frames": (published_chart.frames, points), "variants": (published_chart.variants, store)}
+        for name, (draw, what) in charts.items():
+            draw(what.rows, [options.images / f"published_{name}.{kind}" for kind in ("png", "svg")])
