@@ -47,8 +47,8 @@ class Layout:
 
     def cut(self, field: np.ndarray) -> np.ndarray:
         """The corners in fields ``(B, 3, h, w)``: ``(B P, 3 c)``, corner by corner."""
-        flat = field.reshape(*field.shape[:2], -1).transpose(0, 2, 1)
-        return flat[:, self.corners].reshape(len(field) * len(self.corners), -1)
+        flat = np.ascontiguousarray(field.reshape(*field.shape[:2], -1).transpose(0, 2, 1))
+        return flat.take(self.corners, 1).reshape(len(field) * len(self.corners), -1)
 
     def merge(self, patches: np.ndarray) -> np.ndarray:
         """What ``patches`` ``(B P, 3 p)`` say of each vertex, averaged, ``(B, 3, vertices)``; 0 if they do not."""

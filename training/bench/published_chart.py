@@ -23,7 +23,7 @@ LOOKS: dict[str, tuple[str, str, str, str]] = {
     "local": ("local network", "#009E73", "D", "-"),
     "ridge": ("ridge", "#56B4E9", "v", "-"),
 }
-WIDE = {"bicubic": 3.4, "hdnn": 2.2, "fc": 1.0}  # so that lines that coincide are seen
+WIDE = {"bicubic": 3.0, "hdnn": 2.0, "fc": 1.0}  # so that lines that coincide are seen
 NUDGED = "teacher nudged"
 PANEL = 2.1  # inches, height of a panel
 NOTE_FRAMES = (

@@ -24,7 +24,7 @@ from cloth_envs.resample import Resampler, resample
 from cloth_envs.world import World
 from surrogates.coarse import coarse_grid
 from surrogates.upscaler import INTERPOLATIONS
-from training.bench import published, published_chart
+from training.bench import published, published_chart, published_pictures
 from training.bench.throughput import write_rows
 from training.train_upscaler import work_folder
 
@@ -155,13 +155,14 @@ def networks(options: argparse.Namespace) -> None:
     store = published.Store(out and out / "published.csv", published.Row, published.KEY)
     points = published.Store(out and out / "published_frames.csv", published.Point, published.POINT_KEY)
     extra = work_folder() / "weights"
-    frames, count = (10, 1) if options.quick else (100, published.HELD_OUT)
+    frames, count = (10, 0) if options.quick else (100, published.HELD_OUT)
     published.measure(store, points, frames=frames, count=count, extra=extra if extra.is_dir() else None)
     print(published.text(store.rows))
     if out:
         about = {**header(), "quick": options.quick, "teacher": TEACHER, "threads": 1}
         (out / "published.json").write_text(json.dumps(about, indent=2) + "\n")
     if options.images:
+        published_pictures.draw(options.images / "published_pictures.png")
         charts: Any = {"frames": (published_chart.frames, points), "variants": (published_chart.variants, store)}
         for name, (draw, what) in charts.items():
             draw(what.rows, [options.images / f"published_{name}.{kind}" for kind in ("png", "svg")])
