@@ -43,7 +43,7 @@ def test_scenes_name_no_solver() -> None:
             used = set(re.findall(r"kernels\.(\w+)", text))
             assert used == {
                 *("carry", "drive", "gust", "gusty_wind", "hold", "largest_stretch", "loop_area"),
-                *("mean_point", "mean_span", "mean_square", "norm", "tolerance"),
+                *("columns", "mean_point", "mean_span", "norm", "root_mean_square", "tolerance"),
             }
             text = re.sub(r"import _minicloth_kernels as kernels|kernels\.\w+", "", text)
         assert not re.search(r"explicit|admm|implicit|substep|kernel", text), path.name

@@ -7,7 +7,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Collider, Scene
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, norm, tolerance
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, columns, norm, tolerance
 from cloth_envs.state import Controls
 
 RADIUS = 0.3  # m
@@ -106,10 +106,8 @@ class BallDrop(Task):
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
-        extras = np.empty((state.batch, 10), np.float32)
-        extras[:, :2], extras[:, 2:4] = state.colliders[:, 0, 0, :2], state.collider_velocities[:, 0, 0, :2]
-        extras[:, 4:7], extras[:, 7:] = self.middle(episode), self.middle_velocity(episode)
-        return extras
+        ball, velocity = state.colliders[:, 0, 0, :2], state.collider_velocities[:, 0, 0, :2]
+        return columns(ball, velocity, self.middle(episode), self.middle_velocity(episode))
 
     def reward(self, episode: Episode) -> np.ndarray:
         middle = self.middle(episode)

@@ -9,7 +9,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Collider, Scene
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, bow, grip, largest_stretch, norm, tolerance
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, bow, columns, grip, largest_stretch, norm, tolerance
 from cloth_envs.state import Controls
 
 RADIUS = 0.2  # m
@@ -115,10 +115,7 @@ class Collision(Task):
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
-        extras = np.empty((state.batch, 9), np.float32)
-        extras[:, :3], extras[:, 3:6] = state.colliders[:, 0, 0], state.collider_velocities[:, 0, 0]
-        extras[:, 6:] = episode.memory["goal"]
-        return extras
+        return columns(state.colliders[:, 0, 0], state.collider_velocities[:, 0, 0], episode.memory["goal"])
 
     def shape(self, goal: np.ndarray) -> np.ndarray:
         """Target y of the keypoints below the first row, ``(B, n)`` [m], for ball centres ``goal`` ``(B, 3)``.

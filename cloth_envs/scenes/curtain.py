@@ -9,7 +9,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, bow, mean_span, tolerance
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, bow, columns, mean_span, tolerance
 from cloth_envs.state import Controls
 
 RINGS = 7
@@ -112,12 +112,9 @@ class Curtain(Task):
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
-        extras = np.empty((state.batch, 6), np.float32)
-        extras[:, :2], extras[:, 2:4] = state.positions[:, :2, 0, -1], state.velocities[:, :2, 0, -1]
-        extras[:, 4], extras[:, 5] = self.covered(episode), episode.memory["target"]
-        return extras
+        corner, velocity = state.positions[:, :2, 0, -1], state.velocities[:, :2, 0, -1]
+        return columns(corner, velocity, self.covered(episode), episode.memory["target"])
 
     def reward(self, episode: Episode) -> np.ndarray:
-        swing = np.sqrt(self.mean_square_velocity(episode)[:, 1])
         cover = tolerance(self.covered(episode) - episode.memory["target"], COVER_MARGIN)
-        return cover * (0.25 + 0.75 * tolerance(swing, CALM_MARGIN))
+        return cover * tolerance(self.speed(episode, 1, 2), CALM_MARGIN, 0.25)

@@ -7,7 +7,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene, Wind
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, draw_gust, gusty_wind, loop_area
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, columns, draw_gust, gusty_wind, loop_area
 from cloth_envs.state import Controls
 
 POLE_SPEED, ACCELERATION = 2.5, 25.0  # m/s at full action, m/s^2
@@ -114,10 +114,8 @@ class Flag(Task):
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
-        extras = np.empty((state.batch, 8), np.float32)
-        extras[:, :2], extras[:, 2:4] = state.positions[:, :2, 0, 0], state.velocities[:, :2, 0, 0]
-        extras[:, 4:6], extras[:, 6:] = state.wind[:, :2], episode.memory["onlooker"]
-        return extras
+        pole, velocity = state.positions[:, :2, 0, 0], state.velocities[:, :2, 0, 0]
+        return columns(pole, velocity, state.wind[:, :2], episode.memory["onlooker"])
 
     def reward(self, episode: Episode) -> np.ndarray:
         towards, area = episode.memory["onlooker"], loop_area(episode.state.positions, self.border)

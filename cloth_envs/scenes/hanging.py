@@ -7,7 +7,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, draw_gust, grip, gust, norm, tolerance
+from cloth_envs.scenes.task import Drive, Episode, Start, Task, columns, draw_gust, grip, gust, norm, tolerance
 from cloth_envs.state import Controls
 
 SPEED, ACCELERATION = 1.0, 10.0  # m/s of the corner at full action, m/s^2
@@ -103,16 +103,13 @@ class Hanging(Task):
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
-        extras = np.empty((state.batch, 16), np.float32)
-        extras[:, :3], extras[:, 3:6] = state.positions[:, :, 0, 0], state.velocities[:, :, 0, 0]
-        extras[:, 6:9], extras[:, 9:12] = self.middle(episode), self.middle_velocity(episode)
-        extras[:, 12:15], extras[:, 15] = episode.memory["goal"], state.pressure
-        return extras
+        corner, velocity = state.positions[:, :, 0, 0], state.velocities[:, :, 0, 0]
+        middle = self.middle(episode), self.middle_velocity(episode)
+        return columns(corner, velocity, *middle, episode.memory["goal"], state.pressure)
 
     def reward(self, episode: Episode) -> np.ndarray:
         distance = norm(self.middle(episode) - episode.memory["goal"])
-        speed = np.sqrt(self.mean_square_velocity(episode).sum(1))
-        return tolerance(distance, PLACE_MARGIN) * (0.25 + 0.75 * tolerance(speed, CALM_MARGIN))
+        return tolerance(distance, PLACE_MARGIN) * tolerance(self.speed(episode), CALM_MARGIN, 0.25)
 
 
 def _turn(angle: float, first: int, second: int) -> np.ndarray:

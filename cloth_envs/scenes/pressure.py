@@ -7,7 +7,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene
-from cloth_envs.scenes.task import Episode, Start, Task, draw_gust, gust, tolerance
+from cloth_envs.scenes.task import Episode, Start, Task, columns, draw_gust, gust, tolerance
 from cloth_envs.state import Controls
 
 FULL_PRESSURE = 40.0  # Pa
@@ -94,12 +94,8 @@ class Pressure(Task):
         return TARGET_HEIGHT * gust(episode.memory["tones"], episode.state.time[:, None] + PREVIEW)
 
     def observe(self, episode: Episode) -> np.ndarray:
-        extras = np.empty((episode.state.batch, 5), np.float32)
-        extras[:, 0] = episode.cloth[:, 2, self.apex]
-        extras[:, 1] = episode.cloth_velocity[:, 2, self.apex]
-        extras[:, 2] = episode.state.pressure / FULL_PRESSURE
-        extras[:, 3:] = self.target(episode)
-        return extras
+        height, velocity = episode.cloth[:, 2, self.apex], episode.cloth_velocity[:, 2, self.apex]
+        return columns(height, velocity, episode.state.pressure / FULL_PRESSURE, self.target(episode))
 
     def reward(self, episode: Episode) -> np.ndarray:
         return tolerance(episode.cloth[:, 2, self.apex] - self.target(episode)[:, 0], MARGIN)

@@ -121,9 +121,9 @@ class Task(ABC):
         """Mean velocity of the keypoints, ``(B, 3)`` [m/s]."""
         return kernels.mean_point(episode.state.velocities, self.keypoints)
 
-    def mean_square_velocity(self, episode: Episode) -> np.ndarray:
-        """Mean squares over the keypoints of each component, ``(B, 3)`` [m^2/s^2]."""
-        return kernels.mean_square(episode.state.velocities, self.keypoints)
+    def speed(self, episode: Episode, first: int = 0, last: int = 3) -> np.ndarray:
+        """Root mean square over the keypoints of velocity components ``first`` to ``last - 1``, ``(B,)`` [m/s]."""
+        return kernels.root_mean_square(episode.state.velocities, self.keypoints, first, last)
 
     @abstractmethod
     def observe(self, episode: Episode) -> np.ndarray:
@@ -134,9 +134,14 @@ class Task(ABC):
         """``(B,)`` in [0, 1]."""
 
 
-def tolerance(error: np.ndarray, margin: float) -> np.ndarray:
-    """1 where ``error`` ``(B,)`` is 0, falling as a Gaussian to 0.1 where it is ``margin``."""
-    return kernels.tolerance(error, margin)
+def tolerance(error: np.ndarray, margin: float, least: float = 0.0) -> np.ndarray:
+    """1 where ``error`` ``(B,)`` is 0, falling as a Gaussian to 0.1 where it is ``margin``; squeezed over ``least``."""
+    return kernels.tolerance(error, margin, least)
+
+
+def columns(*parts: np.ndarray) -> np.ndarray:
+    """Numbers ``(B,)`` or ``(B, n)`` side by side, float32: what ``Task.observe`` returns."""
+    return kernels.columns(*parts)
 
 
 def norm(vectors: np.ndarray) -> np.ndarray:

@@ -47,18 +47,25 @@ template <class T>
 Array mean_point(Cloth<T> x, Vertices vertices) {
   return mean_of(x, vertices, [](double a) { return a; });
 }
+// Root of the mean over some vertices of the squares of the components first to last - 1, (B,).
 template <class T>
-Array mean_square(Cloth<T> x, Vertices vertices) {
-  return mean_of(x, vertices, [](double a) { return a * a; });
+Array root_mean_square(Cloth<T> x, Vertices vertices, std::size_t first, std::size_t last) {
+  const Array squares = mean_of(x, vertices, [](double a) { return a * a; });
+  Array out = fresh({x.shape(0)});
+  for (std::size_t b = 0; b < x.shape(0); ++b) {
+    for (std::size_t k = first; k < std::min<std::size_t>(last, 3); ++k) out.data()[b] += squares.data()[3 * b + k];
+    out.data()[b] = std::sqrt(out.data()[b]);
+  }
+  return out;
 }
 
-// A Gaussian of the error that is 0.1 at the margin.
+// A Gaussian of the error that is 0.1 at the margin, squeezed to what lies above `least`.
 template <class T>
-Array tolerance(nb::ndarray<const T, nb::ndim<1>, nb::device::cpu> error, double margin) {
+Array tolerance(nb::ndarray<const T, nb::ndim<1>, nb::device::cpu> error, double margin, double least) {
   Array out = fresh({error.shape(0)});
   for (std::size_t b = 0; b < error.shape(0); ++b) {
     const double e = double(error(b)) / margin;
-    out.data()[b] = std::exp(std::log(0.1) * e * e);
+    out.data()[b] = least + (1 - least) * std::exp(std::log(0.1) * e * e);
   }
   return out;
 }
@@ -222,6 +229,39 @@ nb::object clip_actions(Pairs<double> actions) {
   return nb::cast(out);
 }
 
+// Numbers (B,) or (B, n) side by side, float32.
+nb::ndarray<nb::numpy, float> columns(nb::args parts) {
+  const auto width = [](const auto& a) { return a.ndim() == 1 ? 1 : a.shape(1); };
+  std::vector<nb::ndarray<nb::ro, nb::device::cpu>> given;
+  std::size_t n = 0, batch = 0;
+  for (nb::handle part : parts) {
+    given.push_back(nb::cast<nb::ndarray<nb::ro, nb::device::cpu>>(part));
+    const auto& a = given.back();
+    if (a.ndim() < 1 || a.ndim() > 2 || (given.size() > 1 && a.shape(0) != batch))
+      throw nb::value_error("every part must be (B,) or (B, n)");
+    if (a.dtype() != nb::dtype<float>() && a.dtype() != nb::dtype<double>())
+      throw nb::type_error("every part must be float32 or float64");
+    batch = a.shape(0), n += width(a);
+  }
+  auto* data = new float[batch * n];
+  nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<float*>(p); });
+  std::size_t at = 0;
+  for (const auto& a : given) {
+    const auto copy = [&](const auto* from) {
+      for (std::size_t b = 0; b < batch; ++b)
+        for (std::size_t k = 0; k < width(a); ++k)
+          data[b * n + at + k] =
+              float(from[std::int64_t(b) * a.stride(0) + (a.ndim() == 1 ? 0 : std::int64_t(k) * a.stride(1))]);
+    };
+    if (a.dtype() == nb::dtype<float>())
+      copy(static_cast<const float*>(a.data()));
+    else
+      copy(static_cast<const double*>(a.data()));
+    at += width(a);
+  }
+  return nb::ndarray<nb::numpy, float>(data, {batch, n}, owner);
+}
+
 template <class T>
 void bind(nb::module_& m) {
   m.def("hold", &hold<T>, "The arrays of Controls that bring every handle and body to rest where it is.");
@@ -229,8 +269,10 @@ void bind(nb::module_& m) {
   m.def("loop_area", &loop_area<T>, "The area vector of a closed line through some vertices, (B, 3) [m^2].");
   m.def("largest_stretch", &largest_stretch<T>, "The largest length over rest length of some pairs of vertices, (B,).");
   m.def("mean_point", &mean_point<T>, "The mean of some vertices of (B, 3, H, W), (B, 3), float64.");
-  m.def("mean_square", &mean_square<T>, "The mean square of some vertices of (B, 3, H, W), (B, 3), float64.");
-  m.def("tolerance", &tolerance<T>, "A Gaussian of an error (B,), 1 at 0 and 0.1 at the margin; float64.");
+  m.def("root_mean_square", &root_mean_square<T>, nb::arg("field"), nb::arg("vertices"), nb::arg("first") = 0,
+        nb::arg("last") = 3, "Root mean square over some vertices of some components of (B, 3, H, W), (B,), float64.");
+  m.def("tolerance", &tolerance<T>, nb::arg("error"), nb::arg("margin"), nb::arg("least") = 0.0,
+        "least + (1 - least) times a Gaussian of an error (B,), 1 at 0 and 0.1 at the margin; float64.");
   m.def("drive", &drive<T>, "How far a driven thing moves in a frame, and its velocity at the end, (B, n) each.");
 }
 
@@ -239,6 +281,7 @@ void bind(nb::module_& m) {
 void bind_episode(nb::module_& m) {
   bind<float>(m);
   bind<double>(m);
+  m.def("columns", &columns, "Numbers (B,) or (B, n) side by side, (B, N) float32.");
   m.def("clip_actions", &clip_actions, "Actions (B, A) clipped to [-1, 1]; None if one is not finite.");
   m.def("gusty_wind", &gusty_wind, "A level wind (B, 3) whose two gusts change its strength and heading.");
   m.def("carry", &carry, "Moves handles in place by shares of how far and how fast something is driven.");
