@@ -101,8 +101,11 @@ class Handles(NamedTuple):
 
     def controls(self, controls: Controls, offsets: np.ndarray) -> Controls:
         """The controls of the coarse cloth; bodies, wind and pressure are the same."""
-        driven = follow(controls.handle_positions, controls.handle_velocities, self.follows, offsets)
-        return Controls(*driven, controls.colliders, controls.collider_velocities, controls.wind, controls.pressure)
+        positions, velocities = follow(controls.handle_positions, controls.handle_velocities, self.follows, offsets)
+        return Controls(
+            positions, velocities,
+            controls.colliders, controls.collider_velocities, controls.wind, controls.pressure,
+        )  # fmt: skip
 
 
 def coarse_scene(scene: Scene, factor: int, material: Material) -> tuple[Scene, Handles]:
