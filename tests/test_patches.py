@@ -169,6 +169,26 @@ def test_the_shipped_networks_follow_the_coarse_cloth(name: str, scene: str) -> 
     )
 
 
+def test_a_saved_state_keeps_the_frames_that_the_network_reads() -> None:
+    def make() -> Any:
+        options = {"upscaler": "fc", "solver": "admm"}
+        env = gym.make("MiniCloth-Flag-v0", preset="lee2019", backend="miniature", backend_kwargs=options).unwrapped
+        env.reset(seed=3)
+        return env
+
+    def step(env: Any, count: int) -> np.ndarray:
+        for _ in range(count):
+            env.step(np.array([0.5, -0.3], np.float32))
+        return env.positions
+
+    env, other = make(), make()
+    step(env, 4)
+    saved = env.get_state()
+    later = step(env, 3)
+    other.set_state(saved)
+    np.testing.assert_array_equal(step(other, 3), later)
+
+
 def test_scenes_without_weights_are_refused_with_advice() -> None:
     def make(scene: str, **options: Any) -> None:
         gym.make(f"MiniCloth-{scene}-v0", backend="miniature", backend_kwargs={"upscaler": "fc"}, **options)
