@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -190,7 +190,9 @@ class TorchNet(ParticleSolver):
 
 
 class TorchSheet(CellSheet):
-    """``CellSheet`` in torch: on GPUs, and with forces plugged in."""
+    """``CellSheet`` in torch: on GPUs, and with forces plugged in; its springs do not yield under compression."""
+
+    yields: ClassVar[bool] = False
 
     def __init__(
         self,

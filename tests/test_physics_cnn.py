@@ -23,6 +23,7 @@ from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 from surrogates import checkpoint
 from surrogates.physics_cnn import CLASSES, CellNet, CellSheet, TorchNet, dimensional, dimensionless
+from training.bench import cnn, cnn_large_step
 from training.physics_cnn_fit import as_cell, least_squares, rows
 from training.physics_cnn_sheets import columns, identify, solve
 from training.train_physics_cnn import main
@@ -233,3 +234,24 @@ def test_the_compiled_engine_does_not_import_torch() -> None:
         "World('Flag', backend='cnn'); sys.exit('torch' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_table_2_has_its_rows(tmp_path: Path) -> None:
+    store = cnn.Store(tmp_path / "cnn.csv", cnn.Row, ("scene", "run", "steps"))
+    cnn.score(store, 3)
+    found = {(row.scene, row.run): row for row in cnn.Store(store.path, cnn.Row, store.key).rows}
+    assert {scene for scene, _ in found} == set(cnn.CASES)
+    assert found["fall", "cnn_particles_fall"].paper == 0.213
+    # Three steps of float32 next to a metre.
+    assert 0 < found["ball", "simulator, float32"].whole < 100 * 16 * EPS["float32"]
+    assert "cnn_particles_blow" in cnn.text(store.rows, [], [])
+
+
+@pytest.mark.parametrize(("ratio", "cells"), [(1.0, 1), (2.0, 1), (2.0, 2), (3.0, 2), (3.0, 3)])
+def test_cells_cannot_step_further_than_as_many_explicit_steps(ratio: float, cells: int) -> None:
+    """Markov's inequality: the least growth is 1 up to ``ratio = cells``; one cell's is that of explicit Euler."""
+    found = cnn_large_step.growth(ratio, cells)
+    assert (found < 1 + 1e-3) == (ratio <= cells)
+    if cells == 1:
+        b = max(1.0, 2 * ratio**2 - 1)  # |1 - z / 2| at z = 4 R^2
+        assert found == pytest.approx(b + np.sqrt(b * b - 1), rel=1e-6)

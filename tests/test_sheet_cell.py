@@ -142,5 +142,7 @@ def test_forces_plug_in_and_tubes_are_refused() -> None:
         backend.reset(state)
         ends.append(backend.advance(Controls.hold(state, scene.handles)).velocities[:, 2].mean())
     assert ends[1] - ends[0] > 0.5 * scene.gravity * scene.frame_dt  # all but what the handle holds
+    with pytest.raises(ValueError, match="yield"):
+        backend.reset(state, [Material(compression=0.5)] * 2)
     with pytest.raises(ValueError, match="compiled"):
         SheetCell(replace(scene, grid=replace(scene.grid, periodic=True)))

@@ -24,7 +24,7 @@ from cloth_envs.resample import Resampler, resample
 from cloth_envs.world import World
 from surrogates.coarse import coarse_grid
 from surrogates.upscaler import INTERPOLATIONS
-from training.bench import published, published_chart, published_pictures
+from training.bench import cnn, published, published_chart, published_pictures
 from training.bench.throughput import write_rows
 from training.train_upscaler import work_folder
 
@@ -134,7 +134,10 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="folder of tables.csv, published.csv (kept and completed) and .json")
     parser.add_argument("--images", type=Path, help="folder for the charts")
     parser.add_argument("--networks", action="store_true", help="only what needs networks")
+    parser.add_argument("--cell", action="store_true", help="only table 2 of Zhao 2024, the physics-embedded CNN")
     options = parser.parse_args(argv)
+    if options.cell:
+        return cnn.main([*(["--quick"] * options.quick), *(["--out", str(options.out)] if options.out else [])])
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
     networks(options)
