@@ -14,13 +14,13 @@ namespace nb = nanobind;
 namespace minicloth {
 namespace {
 
-void make_net(PatchNet* self, int factor, double spacing, const std::vector<In<float, 2>>& weights) {
-  need(factor >= 2 && factor <= 4 && spacing > 0, "factor must be 2 to 4, spacing positive");
-  PatchNet net{factor, float(spacing), {}, 0};
+void make_net(PatchNet* self, double spacing, const std::vector<In<float, 2>>& weights) {
+  need(spacing > 0, "spacing must be positive");
+  PatchNet net{float(spacing), {}, 0};
   int inputs = 3 * kPoints;
   for (const auto& w : weights) {
     const int outputs = int(w.shape(0)), blocks = (outputs + kUnits - 1) / kUnits;
-    need(int(w.shape(1)) == inputs && outputs <= kWidest, "weights must be (out, in), from 48, at most 256");
+    need(int(w.shape(1)) == inputs && outputs <= kWidest, "weights must be (out, in), from 36, at most 256");
     DenseLayer layer{inputs, outputs, Plane<float>(std::size_t(blocks) * inputs * kUnits, 0.0f)};
     for (int j = 0; j < outputs; ++j)
       for (int f = 0; f < inputs; ++f)
@@ -29,15 +29,15 @@ void make_net(PatchNet* self, int factor, double spacing, const std::vector<In<f
     net.biases += outputs;
     inputs = outputs;
   }
-  need(inputs == 3 * (factor + 1) * (factor + 1), "the last layer must have 3 (factor + 1)^2 outputs");
+  need(inputs == 3 * kNodes, "the last layer must have 27 outputs");
   new (self) PatchNet(std::move(net));
 }
 
 void add_detail(const PatchNet& net, In<float, 4> x, In<float, 2> bias, Out<float, 4> out) {
-  const std::size_t batch = x.shape(0), rows = x.shape(2), cols = x.shape(3), s = net.factor;
-  const std::size_t high = s * (rows - 1) + 1, wide = s * (cols - 1) + 1;
+  const std::size_t batch = x.shape(0), rows = x.shape(2), cols = x.shape(3);
+  const std::size_t high = 2 * rows - 1, wide = 2 * cols - 1;
   need(x.shape(1) == 3 && rows >= 3 && cols >= 3, "positions must be (B, 3, h, w), 3 x 3 vertices or more");
-  need(shaped(out, {batch, 3, high, wide}), "out must be (B, 3, s (h - 1) + 1, s (w - 1) + 1)");
+  need(shaped(out, {batch, 3, high, wide}), "out must be (B, 3, 2 h - 1, 2 w - 1)");
   need(shaped(bias, {batch, std::size_t(net.biases)}), "bias must be (B, outputs of all layers)");
   nb::gil_scoped_release release;
   for (std::size_t b = 0; b < batch; ++b)
@@ -80,7 +80,7 @@ void push_out(Out<float, 4> x, In<float, 4> ends, In<float, 4> velocities, In<fl
     for (std::size_t i = 0; i < 3 * count; ++i)
       kept[i] = std::exchange(cloth[i / count * n + held.data()[i % count]], nowhere);
     const auto bodies = bodies_of(ends, velocities, radii, planes, b);
-    for (std::size_t pass = 0; pass < std::min<std::size_t>(bodies.size(), 2); ++pass)
+    for (int pass = 0; pass < 2 && (pass == 0 || (pushed.data()[b] > 0 && bodies.size() > 1)); ++pass)
       for (const auto& body : bodies) {
         const Pushed now = best_upscale_lanes().push(body, int(n), cloth);
         if (pass == 0) pushed.data()[b] += now.count, depth.data()[b] = std::max(depth.data()[b], now.depth);
@@ -110,8 +110,9 @@ void stop_at(Out<float, 4> v, In<float, 4> x, In<float, 4> ends, In<float, 4> ve
 
 void bind_upscale(nb::module_& m) {
   nb::class_<PatchNet>(m, "PatchNet")
-      .def("__init__", &make_net, nb::arg("factor"), nb::arg("spacing"), nb::arg("weights"))
-      .def("add", &add_detail, "Adds the residual of coarse positions (B, 3, h, w) to out on the grid s times finer.");
+      .def("__init__", &make_net, nb::arg("spacing"), nb::arg("weights"))
+      .def("add", &add_detail,
+           "Adds the residual of coarse positions (B, 3, h, w) to out on the grid of half the spacing.");
   m.def("push_out", &push_out,
         "Puts vertices that are in bodies on the surface; how many, and the deepest, by member.");
   m.def("stop_at", &stop_at, "Takes from vertices at the surface of bodies the velocity into them.");

@@ -1,4 +1,4 @@
-// A network that adds detail to interpolated cloth, and what keeps upscaled vertices out of bodies.
+// A network that adds detail to cloth interpolated at half its spacing, and what keeps upscaled vertices out of bodies.
 #pragma once
 #include <vector>
 
@@ -10,8 +10,9 @@ class module_;
 
 namespace minicloth {
 
-constexpr int kPoints = 16;   // of a patch, 4 x 4 coarse vertices
-constexpr int kUnits = 8;     // outputs of a layer that are summed together
+constexpr int kPoints = 12;   // of a patch, 4 x 4 coarse vertices without the corners
+constexpr int kNodes = 9;     // that a cell spans at half the spacing, 3 x 3
+constexpr int kUnits = 9;     // outputs of a layer that are summed together
 constexpr int kWidest = 256;  // numbers that a layer may have
 
 // A dense layer. The weight of input f to output kUnits * b + k is weights[(b * inputs + f) * kUnits + k].
@@ -21,7 +22,6 @@ struct DenseLayer {
 };
 
 struct PatchNet {
-  int factor;
   float spacing;  // m, of coarse vertices
   std::vector<DenseLayer> layers;
   int biases;  // of all layers, one after the other
@@ -39,7 +39,7 @@ struct Pushed {
 };
 
 struct UpscaleLanes {
-  // Adds the network's residual of the coarse positions (3, rows, cols) to out, (3, s (rows-1) + 1, s (cols-1) + 1).
+  // Adds the network's residual of the coarse positions (3, rows, cols) to out, (3, 2 rows - 1, 2 cols - 1).
   void (*detail)(const PatchNet&, const float* x, int rows, int cols, const float* bias, float* out);
   // Puts those of n vertices (3, n) that are in the body on its surface.
   Pushed (*push)(const UpscaledBody&, int n, float* x);
