@@ -19,6 +19,8 @@ INTERPOLATIONS = {"bilinear": "linear", "biquadratic": "quadratic", "bicubic": "
 LEARNED: dict[str, str] = {
     "fc": "surrogates.published:FullyConnected",
     "hdnn": "surrogates.published:HierarchicalDnn",
+    "local": "surrogates.local:Local",
+    "ridge": "surrogates.local:Ridge",
 }
 
 
