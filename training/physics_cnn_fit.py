@@ -105,7 +105,8 @@ def branch_scales(
         return np.concatenate([np.sign(genes) * 10 ** (DECADES * np.abs(genes) - 1), np.ones_like(genes[:1])])
 
     def logarithm(genes: np.ndarray) -> np.ndarray:
-        return np.log(np.einsum("i...,ij,j...->...", value(genes), small, value(genes)))
+        values = value(genes)
+        return np.log(((small @ values) * values).sum(0))
 
     best = differential_evolution(
         logarithm, [(-1.0, 1.0)] * 4, seed=seed, tol=1e-10, maxiter=1000, popsize=25, vectorized=True,
