@@ -7,6 +7,10 @@ gravity are of the material's (5 numbers, identified class of edges by class of 
 
 Plugged in, as in the paper's fig. 2: air drag, wind, pressure, bodies with friction, handles, the step, and geometry
 (which neighbours exist; on sheets also how wide a strip an edge stands for, and the masses).
+
+The cell contains the reference's own law, and least squares finds it: on sheets the numbers are 1 to 1e-12 and frames
+are those of ``"reference"`` to the bit, at its speed. At the same grid and step there is nothing to gain; see
+``training.bench.cnn_large_step`` for why several cells cannot take a larger one.
 """
 
 from __future__ import annotations
