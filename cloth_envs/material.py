@@ -27,9 +27,14 @@ class Material:
         compression: stiffness of the springs when they are shortened over that when they are lengthened, 0 to 1. A
             wrinkled sheet hardly resists compression (Pipkin 1986); a grid too coarse for its wrinkles needs less
             than 1 to move like it.
+        buckling_strain: how much a spring shortens, over its rest length, before that stiffness falls further.
+        post_buckling: what is left of it then, 0 to 1.
+        compression_damping: damping of a shortened spring over that of a lengthened one: wrinkles have to be moved
+            when they open or close.
 
     Raises:
-        ValueError: a value that is not finite, negative, (density, stretch) not positive or (compression) over 1.
+        ValueError: a value that is not finite, negative, (density, stretch) not positive or (compression,
+            post_buckling) over 1.
     """
 
     areal_density: float = 0.2
@@ -39,6 +44,9 @@ class Material:
     damping: float = 5e-5
     drag: float = 0.5
     compression: float = 1.0
+    buckling_strain: float = 1.0
+    post_buckling: float = 1.0
+    compression_damping: float = 1.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -50,8 +58,14 @@ class Material:
                 need = "positive" if positive else "zero or positive"
                 raise ValueError(f"material {field.name} must be {need} and finite, got {value!r}")
             object.__setattr__(self, field.name, float(value))
-        if self.compression > 1:
-            raise ValueError(f"material compression must be at most 1, got {self.compression!r}")
+        for name in ("compression", "post_buckling"):
+            if getattr(self, name) > 1:
+                raise ValueError(f"material {name} must be at most 1, got {getattr(self, name)!r}")
+
+    @property
+    def yields(self) -> bool:
+        """Whether springs are another thing when they are shortened than when they are lengthened."""
+        return (self.compression, self.post_buckling, self.compression_damping) != (1, 1, 1)
 
     def with_changes(self, **changes: float) -> Material:
         """A copy with some values replaced.

@@ -92,7 +92,7 @@ class Scene:
             "stretch and shear springs": True,
             **({} if net is None else {"springs at distance two against bending": True}),
             "damping along the springs": m.damping > 0,
-            "springs that yield under compression": m.compression < 1,
+            "springs that yield under compression": m.yields,
             "quadratic bending": m.bend_stiffness > 0,
             "air drag": self.drag and m.drag > 0,
             "wind on triangles": self.wind is not None,

@@ -14,9 +14,10 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls
 
-SCALINGS = ("similar", "seed", "calibrated")
-# Material properties that a calibration multiplies.
+SCALINGS = ("similar", "seed", "calibrated", "closure")
+# Material properties that a calibration multiplies; a closure multiplies those after them too.
 FACTORS = ("areal_density", "stretch_stiffness", "shear_stiffness", "bend_stiffness", "damping", "compression")
+CLOSURE = (*FACTORS, "buckling_strain", "post_buckling", "compression_damping")
 
 
 ROUNDING = 1e-5  # m or m/s, of upscaling in float32
@@ -39,7 +40,7 @@ def miniature_material(material: Material, factor: int, scaling: str, factors: d
     are the fine cloth's, external forces are divided by ``s``. Enlarged ``s`` times it is a coarse sheet of
     the same density. ``"seed"`` (Lee et al. 2019) keeps the spring constants: enlarged, the sheet is ``s^2``
     times too stiff in stretch and shear and ``s^4`` times in bending. ``"similar"`` divides them by that, which
-    leaves the material itself. ``"calibrated"`` multiplies its properties by fitted ``factors``.
+    leaves the material itself. ``"calibrated"`` and ``"closure"`` multiply its properties by fitted ``factors``.
     """
     if scaling == "seed":
         return material.with_changes(

@@ -54,7 +54,8 @@ class MiniatureBackend:
         num_envs: members of the batch.
         factor: 2, 3 or 4, how many times fewer cells along each side.
         scaling: ``"similar"`` (the sheet's own material), ``"seed"`` (the paper's spring constants, ``factor^2``
-            times too stiff), ``"calibrated"`` (factors fitted per scene).
+            times too stiff), ``"calibrated"`` (factors fitted per scene), ``"closure"`` (those and a law of springs
+            in compression, fitted too).
         factors: of a calibration of your own, ``{material property: multiplier}``, instead of the shipped ones.
         upscaler: an interpolation, ``"bilinear"``, ``"biquadratic"`` or ``"bicubic"``, or a network by name.
         solver: of the coarse cloth, as for ``backend="reference"``.
@@ -81,11 +82,12 @@ class MiniatureBackend:
         if scaling not in SCALINGS:
             raise unknown_name("scaling", scaling, SCALINGS)
         self.scene, self.factor, self.scaling = scene, factor, scaling
-        if factors is not None and scaling != "calibrated":
-            raise ValueError(f'factors need scaling="calibrated", got scaling={scaling!r}')
+        fitted = scaling in ("calibrated", "closure")
+        if factors is not None and not fitted:
+            raise ValueError(f'factors need scaling="calibrated" or "closure", got scaling={scaling!r}')
         self._factors = dict(factors or {})
-        if scaling == "calibrated" and factors is None:
-            self._factors = load_factors(scene.name, factor)
+        if fitted and factors is None:
+            self._factors = load_factors(scene.name, factor, scaling)
         coarse, self._handles = coarse_scene(scene, factor, self._effective(scene.material))
         self.coarse = reference(coarse, num_envs=num_envs, solver=solver, **(solver_kwargs or {}))
         self._up = make_upscaler(upscaler, coarse, scene, factor)

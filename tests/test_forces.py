@@ -20,7 +20,10 @@ GRIDS = {
     "tube": Grid(4, 7, 0.5, 0.8, periodic=True),
     "smallest tube": Grid(3, 3, 0.2, 0.3, periodic=True),
 }
-SHEETS = [Material(0.2, 500.0, 150.0, 1e-3, 1e-3), Material(0.4, 90.0, 10.0, 2e-4, 1e-4, compression=0.2)]
+SHEETS = [
+    Material(0.2, 500.0, 150.0, 1e-3, 1e-3),
+    Material(0.4, 90.0, 10.0, 2e-4, 1e-4, compression=0.2, buckling_strain=0.1, post_buckling=0.3),
+]
 PRESSURE = np.array([3.0, -7.0])
 Energy = Callable[[Grid, np.ndarray], np.ndarray]
 TERMS: dict[str, tuple[Energy, Energy]] = {

@@ -27,12 +27,18 @@ NOTHING = Material(0.2, 1e-12, 0.0, 0.0, damping=0.0, drag=0.0)  # stretch can't
 SHEETS = [
     Material(0.2, 500.0, 150.0, 1e-3, 5e-5, 0.5),
     Material(0.4, 90.0, 10.0, 2e-4, 2e-4, 0.0, compression=0.1),
+    Material(0.3, 200.0, 40.0, 0.0, 1e-5, 0.2, 0.2, buckling_strain=0.1, post_buckling=0.3, compression_damping=8.0),
     Material(),
 ]
 TERMS: dict[str, tuple[dict[str, float], dict[str, object]]] = {
     "stretch": ({"stretch_stiffness": 500.0}, {}),
     "shear": ({"shear_stiffness": 150.0}, {}),
     "wrinkled": ({"stretch_stiffness": 500.0, "shear_stiffness": 90.0, "compression": 0.05}, {}),
+    "buckled": (
+        {"stretch_stiffness": 500.0, "shear_stiffness": 90.0, "buckling_strain": 0.1, "post_buckling": 0.2},
+        {},
+    ),
+    "wrinkles damped": ({"stretch_stiffness": 300.0, "damping": 1e-4, "compression_damping": 10.0}, {}),
     "damped": ({"stretch_stiffness": 300.0, "shear_stiffness": 90.0, "damping": 1e-3}, {}),
     "bend": ({"bend_stiffness": 1e-3}, {}),
     "drag": ({"drag": 3.0}, {}),

@@ -1,7 +1,8 @@
-"""Fit the calibrated miniature: ``python -m training.calibrate``.
+"""Fit the calibrated miniature and the closure: ``python -m training.calibrate --scaling calibrated|closure``.
 
 A few material factors per scene and grid factor are fitted so that short windows of the coarse cloth, started from
-decimated truth, end where the decimated truth does. Resumable: what the file holds already is kept.
+decimated truth, end where the decimated truth does. The closure starts from the calibrated factors and adds a law of
+shortened springs. Resumable: what the file holds already is kept.
 """
 
 from __future__ import annotations
@@ -23,11 +24,15 @@ from cloth_envs.registry import SCENES
 from cloth_envs.resample import resample
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from surrogates.coarse import FACTORS, coarse_grid
+from surrogates.calibrated import load_factors
+from surrogates.coarse import CLOSURE, FACTORS, coarse_grid
 from surrogates.miniature import MiniatureBackend
 from training.bench.truth import Case, cache_folder, length, load
 
-HORIZON = 5  # frames of a window
+HORIZONS = {"calibrated": 5, "closure": 10}  # frames of a window
+NAMES = {"calibrated": FACTORS, "closure": CLOSURE}
+SPACING = 10  # frames from one window to the next
+SUBSTEPS_PRICE = 0.05  # of the loss, for twice the substeps of the closure's start
 FIT_SEEDS, HELD_OUT_SEEDS = (100, 101, 102, 103), (200, 201, 202)
 SETTLE = 0.5  # s of the episode before the first window
 WINDOWS = 8  # of every seed
@@ -41,7 +46,16 @@ BOUNDS = {
     "damping": (0.1, 4.0),
     "compression": (0.01, 1.0),
 }
-OUT = Path(__file__).parents[1] / "surrogates" / "weights" / "calibrated.json"
+CLOSURE_BOUNDS = BOUNDS | {
+    "stretch_stiffness": (0.4, 2.5),
+    "shear_stiffness": (0.1, 2.5),
+    "compression": (0.002, 1.0),
+    "buckling_strain": (0.005, 0.3),
+    "post_buckling": (0.01, 1.0),
+    "compression_damping": (1.0, 100.0),
+}
+CLOSURE_START = {"damping": 1.5, "buckling_strain": 0.05, "post_buckling": 0.6, "compression_damping": 3.0}
+WEIGHTS = Path(__file__).parents[1] / "surrogates" / "weights"
 
 
 @dataclass(frozen=True)
@@ -54,30 +68,33 @@ class Windows:
     ends: list[np.ndarray]
 
 
-def windows(scene: str, seeds: Sequence[int], folder: Path) -> Windows:
-    """Windows of all ``seeds``, one after the other along the batch."""
+def windows(scene: str, seeds: Sequence[int], horizon: int, folder: Path) -> Windows:
+    """Windows of ``horizon`` frames of all ``seeds``, one after the other along the batch."""
     parts: list[tuple[State, list[Controls], list[np.ndarray]]] = []
     for seed in seeds:
         case = Case(scene, seed)
         described = case.world().scene
         first = round(SETTLE / described.frame_dt)
-        starts = [first + 2 * HORIZON * k for k in range(WINDOWS)]
-        keep = [start + frame for start in starts for frame in range(HORIZON + 1)]
+        starts = [first + SPACING * k for k in range(WINDOWS)]
+        keep = [start + frame for start in starts for frame in range(horizon + 1)]
         truth = load(case, max(keep), keep, folder)
         for at in starts:
-            ends = [truth.states[at + frame].positions for frame in range(1, HORIZON + 1)]
-            parts.append((truth.states[at], truth.controls[at : at + HORIZON], ends))
+            ends = [truth.states[at + frame].positions for frame in range(1, horizon + 1)]
+            parts.append((truth.states[at], truth.controls[at : at + horizon], ends))
     start = State(**{n: np.concatenate([part[0].arrays()[n] for part in parts]) for n in parts[0][0].arrays()})
     controls = [
         Controls(**{n: np.concatenate([vars(part[1][frame])[n] for part in parts]) for n in vars(parts[0][1][0])})
-        for frame in range(HORIZON)
+        for frame in range(horizon)
     ]
-    ends = [np.concatenate([part[2][frame] for part in parts]) for frame in range(HORIZON)]
+    ends = [np.concatenate([part[2][frame] for part in parts]) for frame in range(horizon)]
     return Windows(described, start, controls, ends)
 
 
-def errors(data: Windows, factor: int, **options: Any) -> np.ndarray:
-    """Mean vertex error of the coarse cloth against decimated truth, ``(frames, windows)``, of the cloth's length."""
+def errors(data: Windows, factor: int, **options: Any) -> tuple[np.ndarray, int]:
+    """Mean vertex error of the coarse cloth against decimated truth, ``(frames, windows)``, of the cloth's length.
+
+    With it the number of substeps.
+    """
     backend = MiniatureBackend(data.scene, num_envs=data.start.batch, factor=factor, **options)
     backend.reset(data.start)
     grid, found = coarse_grid(data.scene.grid, factor), []
@@ -85,57 +102,73 @@ def errors(data: Windows, factor: int, **options: Any) -> np.ndarray:
         backend.advance(controls)
         gap = backend.coarse.state.positions - resample(end, data.scene.grid, grid)
         found.append(np.sqrt((gap**2).sum(1)).mean((1, 2)) / length(data.scene))
-    return np.array(found)
+    return np.array(found), int(backend.coarse.substeps[0])  # type: ignore[attr-defined]
 
 
-def fit(data: Windows, factor: int, evaluations: int) -> dict[str, float]:
-    """Factors within ``BOUNDS`` that make the windows' mean error over all frames least (Nelder-Mead, logarithms)."""
-    names = [n for n in FACTORS if getattr(data.scene.material, n) > 0]
-    bounds = np.log([BOUNDS[name] for name in names])
+def fit(data: Windows, factor: int, scaling: str, evaluations: int) -> dict[str, float]:
+    """Factors within bounds that make the windows' mean error over all frames least (Nelder-Mead, logarithms).
+
+    The closure's errors are those over the calibrated one's of the same frame, so that the first frame counts too.
+    """
+    names = [n for n in NAMES[scaling] if getattr(data.scene.material, n) > 0]
+    begin, limits, base, price = {"compression": 0.3}, BOUNDS, np.ones(1), 0.0
+    if scaling == "closure":
+        calibrated = load_factors(data.scene.name, factor)
+        begin, limits, price = calibrated | CLOSURE_START, CLOSURE_BOUNDS, SUBSTEPS_PRICE
+        base = errors(data, factor, scaling=scaling, factors=calibrated)[0].mean(1)
+    bounds = np.log([limits[name] for name in names])
+    start = np.log([begin.get(name, 1.0) for name in names]).clip(*bounds.T)
+    first = errors(data, factor, scaling=scaling, factors=dict(zip(names, np.exp(start).tolist(), strict=True)))[1]
     with tqdm(total=evaluations, desc=f"{data.scene.name} 1/{factor}", disable=None) as bar:
 
         def loss(logs: np.ndarray) -> float:
             bar.update()
             factors = dict(zip(names, np.exp(logs).tolist(), strict=True))
-            return float(errors(data, factor, scaling="calibrated", factors=factors).mean())
+            found, substeps = errors(data, factor, scaling=scaling, factors=factors)
+            return float((found.mean(1) / base).mean()) + price * max(0.0, substeps / first - 1)
 
-        start = np.log([0.3 if name == "compression" else 1.0 for name in names])
-        simplex = np.concatenate([start[None], start + 0.4 * np.diag(np.where(start == bounds[:, 1], -1, 1))])
+        simplex = np.concatenate([start[None], start + 0.4 * np.diag(np.where(start >= bounds[:, 1] - 0.4, -1, 1))])
         options = {"maxfev": evaluations, "initial_simplex": simplex.clip(*bounds.T), "xatol": 0.01, "fatol": 1e-7}
         best = minimize(loss, start, method="Nelder-Mead", bounds=bounds, options={**options, "adaptive": True})
     return dict(zip(names, np.exp(best.x).round(4).tolist(), strict=True))
 
 
-def card(fitted: Windows, held_out: Windows, factor: int, factors: dict[str, float]) -> dict[str, Any]:
-    """The factors with their errors in % of the cloth's length, after 1 frame and after ``HORIZON``."""
+def card(fitted: Windows, held_out: Windows, factor: int, scaling: str, factors: dict[str, float]) -> dict[str, Any]:
+    """The factors with their errors in % of the cloth's length after 1, 5 and (a closure) 10 frames."""
     entry: dict[str, Any] = {"factors": factors}
+    others = ["similar"] if scaling == "calibrated" else ["similar", "calibrated"]
     for name, data in (("fitted", fitted), ("held out", held_out)):
-        for scaling in ("similar", "calibrated"):
-            own = {"factors": factors} if scaling == "calibrated" else {}
-            mean = 100 * errors(data, factor, scaling=scaling, **own).mean(1)
-            entry[f"{scaling}, {name}"] = {"1": round(float(mean[0]), 4), str(HORIZON): round(float(mean[-1]), 4)}
+        for kind in (*others, scaling):
+            own = {"factors": factors} if kind == scaling else {}
+            found, substeps = errors(data, factor, scaling=kind, **own)
+            marks = [frame for frame in (1, 5, 10) if frame <= len(found)]
+            mean = {str(frame): round(100 * float(found[frame - 1].mean()), 4) for frame in marks}
+            entry[f"{kind}, {name}"] = {**mean, "substeps": substeps}
     return entry
 
 
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m training.calibrate", description=__doc__)
+    parser.add_argument("--scaling", choices=list(HORIZONS), default="calibrated")
     parser.add_argument("--scenes", nargs="*", default=list(SCENES))
     parser.add_argument("--factors", nargs="*", type=int, default=[2, 3, 4])
     parser.add_argument("--evaluations", type=int, default=200, help="of the loss, per fit")
-    parser.add_argument("--out", type=Path, default=OUT)
+    parser.add_argument("--out", type=Path, help="default: the shipped file of the scaling")
     parser.add_argument("--fresh", action="store_true", help="fit again what the file holds already")
     options = parser.parse_args(argv)
     for scene in options.scenes:
         if scene not in SCENES:
             raise unknown_name("scene", scene, SCENES)
-    known = json.loads(options.out.read_text()) if options.out.is_file() else {"scenes": {}}
+    scaling, out = options.scaling, options.out or WEIGHTS / f"{options.scaling}.json"
+    known = json.loads(out.read_text()) if out.is_file() else {"scenes": {}}
     for scene in options.scenes:
         wanted = [f for f in options.factors if options.fresh or str(f) not in known["scenes"].get(scene, {})]
         if not wanted:
             continue
-        fitted, held_out = (windows(scene, seeds, cache_folder()) for seeds in (FIT_SEEDS, HELD_OUT_SEEDS))
+        frames = HORIZONS[scaling]
+        fitted, held_out = (windows(scene, seeds, frames, cache_folder()) for seeds in (FIT_SEEDS, HELD_OUT_SEEDS))
         for factor in wanted:
-            entry = card(fitted, held_out, factor, fit(fitted, factor, options.evaluations))
+            entry = card(fitted, held_out, factor, scaling, fit(fitted, factor, scaling, options.evaluations))
             known["scenes"].setdefault(scene, {})[str(factor)] = entry
             known["about"] = {
                 "errors": "mean vertex error of the coarse cloth, % of the cloth's length, after so many frames",
@@ -146,7 +179,7 @@ def main(argv: list[str] | None = None) -> int:
                 "truth": "explicit, float64, a quarter of the stable step",
                 **header(),
             }
-            options.out.write_text(json.dumps(known, indent=1) + "\n")
+            out.write_text(json.dumps(known, indent=1) + "\n")
             print(scene, factor, json.dumps(entry))
     return 0
 

@@ -31,19 +31,30 @@ def _values(materials: Materials, name: str) -> np.ndarray:
     return np.array([[getattr(material, name)] for material in materials])
 
 
-def _stiffness(materials: Materials, edge: Edges, length: np.ndarray) -> np.ndarray:
-    """``k`` of every spring, ``(B, E)``, times the material's ``compression`` where it is shortened."""
-    k = _values(materials, edge.modulus) * edge.weight
-    return np.where(length < edge.rest, _values(materials, "compression") * k, k)
+def _stiffness(materials: Materials, edge: Edges) -> np.ndarray:
+    """``k`` of every spring, ``(B, E)``."""
+    return _values(materials, edge.modulus) * edge.weight
+
+
+def _yielding(materials: Materials, edge: Edges, length: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How much longer than at rest a spring is (negative: shorter) up to where it buckles, and beyond [m]."""
+    short = np.minimum(length - edge.rest, 0.0)
+    before = np.maximum(short, -_values(materials, "buckling_strain") * edge.rest)
+    return before, short - before
 
 
 def spring_forces(grid: Grid, materials: Materials, x: np.ndarray) -> Forces:
-    """``f_i = k (|d| - L) d / |d|``, ``d = x_j - x_i``, on both ends of every edge."""
+    """``f_i = k (|d| - L) d / |d|``, ``d = x_j - x_i``, on both ends of every edge.
+
+    What it is shortened counts ``compression`` times, beyond ``buckling_strain`` that times ``post_buckling``.
+    """
     at, out = _flat(x), np.zeros_like(_flat(x))
     for edge in edges(grid):
         d = at[..., edge.second] - at[..., edge.first]
         length = np.linalg.norm(d, axis=1)
-        tension = _stiffness(materials, edge, length) * (length - edge.rest)
+        before, beyond = _yielding(materials, edge, length)
+        shortened = _values(materials, "compression") * (before + _values(materials, "post_buckling") * beyond)
+        tension = _stiffness(materials, edge) * (np.maximum(length - edge.rest, 0.0) + shortened)
         force = (tension / length)[:, None] * d
         out[..., edge.first] += force
         out[..., edge.second] -= force
@@ -51,21 +62,29 @@ def spring_forces(grid: Grid, materials: Materials, x: np.ndarray) -> Forces:
 
 
 def spring_energy(grid: Grid, materials: Materials, x: np.ndarray) -> np.ndarray:
-    """``sum k (|d| - L)^2 / 2``."""
+    """``sum k (|d| - L)^2 / 2``; of a shortened spring the area under its broken line."""
     at, total = _flat(x), np.zeros(len(x))
     for edge in edges(grid):
         length = np.linalg.norm(at[..., edge.second] - at[..., edge.first], axis=1)
-        total += (_stiffness(materials, edge, length) * (length - edge.rest) ** 2).sum(1) / 2
+        before, beyond = _yielding(materials, edge, length)
+        area = before**2 / 2 + before * beyond + _values(materials, "post_buckling") * beyond**2 / 2
+        area = np.maximum(length - edge.rest, 0.0) ** 2 / 2 + _values(materials, "compression") * area
+        total += (_stiffness(materials, edge) * area).sum(1)
     return total
 
 
 def damper_forces(grid: Grid, materials: Materials, x: np.ndarray, v: np.ndarray) -> Forces:
-    """``f_i = c (d^ . (v_j - v_i)) d^`` along the same edges, ``c = damping * k``."""
+    """``f_i = c (d^ . (v_j - v_i)) d^`` along the same edges, ``c = damping * k``.
+
+    Of a shortened spring that is multiplied by ``compression_damping``.
+    """
     at, speed, out = _flat(x), _flat(v), np.zeros_like(_flat(x))
     for edge in edges(grid):
         d = at[..., edge.second] - at[..., edge.first]
         rate = (d * (speed[..., edge.second] - speed[..., edge.first])).sum(1) / (d * d).sum(1)
-        c = _values(materials, "damping") * _values(materials, edge.modulus) * edge.weight
+        c = _values(materials, "damping") * _stiffness(materials, edge)
+        shortened = np.linalg.norm(d, axis=1) < edge.rest
+        c = np.where(shortened, _values(materials, "compression_damping") * c, c)
         force = (c * rate)[:, None] * d
         out[..., edge.first] += force
         out[..., edge.second] -= force

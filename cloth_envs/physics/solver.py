@@ -98,7 +98,7 @@ class Solver(ABC):
         dtype: of the state, ``"float32"`` or ``"float64"``.
     """
 
-    yields: ClassVar[bool] = False  # to compression, as ``Material.compression`` says
+    yields: ClassVar[bool] = False  # to compression, as ``Material.yields`` says
 
     def __init__(self, scene: Scene, *, num_envs: int, threads: int, dtype: str) -> None:
         if dtype not in ("float32", "float64"):
@@ -149,10 +149,10 @@ class Solver(ABC):
         if state.batch != len(members):
             raise ValueError(f"the state holds {state.batch} cloths, expected {len(members)}")
         chosen = [self.scene.material] * len(members) if materials is None else list(materials)
-        if not self.yields and any(material.compression < 1 for material in chosen):
+        if not self.yields and any(material.yields for material in chosen):
             raise ValueError(
                 f"{type(self).__name__} has no springs that yield under compression: use solver='explicit', "
-                "or leave the material's compression at 1"
+                "or leave the material's compression, post_buckling and compression_damping at 1"
             )
         self.set_materials(members, chosen)
         state = state.astype(self.dtype)

@@ -42,12 +42,17 @@ def stable_step(scene: Scene, material: Material) -> float:
     Symplectic Euler with the damping force taken at the old velocity has, for each mode, the
     characteristic polynomial ``z^2 - (2 - h c - h^2 k) z + (1 - h c)``; its roots stay in the unit
     circle while ``h^2 k + 2 h c <= 4``. ``c`` holds the dashpots (``damping`` times the springs'
-    stiffness) and the slope of the wind's force at twice the fastest wind.
+    stiffness) and the slope of the wind's force at twice the fastest wind. Every spring adds the larger of what
+    it adds lengthened and shortened, so the step is the smaller one of a sheet of either.
     """
     springs, bending = stiffness_bound(scene, material)
-    c = material.damping * springs
+    air = 0.0
     if scene.wind is not None:
         coefficient = max(scene.wind.normal, scene.wind.tangential)
-        c += scene.wind.air_density * coefficient * 2 * scene.wind.max_speed / material.areal_density
-    k = springs + bending
-    return SAFETY * (np.sqrt(c * c + 4 * k) - c) / k
+        air = scene.wind.air_density * coefficient * 2 * scene.wind.max_speed / material.areal_density
+
+    def step(stiffness: float, damping: float) -> float:
+        k, c = stiffness * springs + bending, damping * material.damping * springs + air
+        return 2 / (np.sqrt(c * c / 4 + k) + c / 2)
+
+    return SAFETY * min(step(1, 1), step(material.compression, material.compression_damping))

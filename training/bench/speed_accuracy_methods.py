@@ -69,7 +69,7 @@ class Offset:
 
     def advance(self, controls: Controls) -> State:
         state = self._miniature.advance(controls)
-        return UpscaledState(self._miniature.coarse.state, lambda name: getattr(state, name) + self._lack[name])
+        return UpscaledState(self._miniature.coarse.state, lambda _, name: getattr(state, name) + self._lack[name])
 
 
 class Oracle:

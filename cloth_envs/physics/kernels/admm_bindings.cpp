@@ -22,7 +22,7 @@ void advance(const Admm<T>& solver, const typename Admm<T>::Systems& systems, In
   const std::initializer_list<std::size_t> cloth = {batch, 3, rows, cols}, axes = {batch, bodies, 2, 3};
   need(shaped(x, cloth) && shaped(v, cloth) && shaped(x_out, cloth) && shaped(v_out, cloth),
        "positions and velocities must be (B, 3, H, W)");
-  need(shaped(sheets, {batch, 7}) && systems.size() == batch, "materials must be (B, 7), systems B");
+  need(shaped(sheets, {batch, Sheet::kProperties}) && systems.size() == batch, "materials must be (B, 10), systems B");
   need(shaped(handle_x, {batch, handles, 3}) && shaped(handle_v, {batch, handles, 3}), "handles must be (B, N, 3)");
   need(shaped(body_x, axes) && shaped(body_v, axes) && shaped(body_x_end, axes) && shaped(body_v_end, axes),
        "colliders must be (B, C, 2, 3)");
@@ -31,13 +31,13 @@ void advance(const Admm<T>& solver, const typename Admm<T>::Systems& systems, In
   const std::size_t n = 3 * rows * cols;
   std::vector<Frame<T>> frames(batch);
   for (std::size_t b = 0; b < batch; ++b) {
-    const double* m = sheets.data() + 7 * b;
+    const double* m = sheets.data() + Sheet::kProperties * b;
     const std::size_t h = b * handles * 3, c = b * bodies * 6;
     frames[b] = {x.data() + b * n,
                  v.data() + b * n,
                  x_out.data() + b * n,
                  v_out.data() + b * n,
-                 Sheet{m[0], m[1], m[2], m[3], m[4], m[5], m[6]},
+                 Sheet{m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9]},
                  1,
                  handle_x.data() + h,
                  handle_v.data() + h,

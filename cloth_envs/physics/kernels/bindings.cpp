@@ -30,7 +30,8 @@ void advance(const Explicit<T>& solver, In<T, 4> x, In<T, 4> v, Out<T, 4> x_out,
   const std::initializer_list<std::size_t> cloth = {batch, 3, rows, cols}, axes = {batch, bodies, 2, 3};
   need(shaped(x, cloth) && shaped(v, cloth) && shaped(x_out, cloth) && shaped(v_out, cloth),
        "positions and velocities must be (B, 3, H, W)");
-  need(shaped(sheets, {batch, 7}) && shaped(substeps, {batch}), "materials must be (B, 7), substeps (B,)");
+  need(shaped(sheets, {batch, Sheet::kProperties}) && shaped(substeps, {batch}),
+       "materials must be (B, 10), substeps (B,)");
   need(shaped(handle_x, {batch, handles, 3}) && shaped(handle_v, {batch, handles, 3}), "handles must be (B, N, 3)");
   need(shaped(body_x, axes) && shaped(body_v, axes) && shaped(body_x_end, axes) && shaped(body_v_end, axes),
        "colliders must be (B, C, 2, 3)");
@@ -40,13 +41,13 @@ void advance(const Explicit<T>& solver, In<T, 4> x, In<T, 4> v, Out<T, 4> x_out,
   const std::size_t n = 3 * rows * cols;
   std::vector<Frame<T>> frames(batch);
   for (std::size_t b = 0; b < batch; ++b) {
-    const double* m = sheets.data() + 7 * b;
+    const double* m = sheets.data() + Sheet::kProperties * b;
     need(substeps.data()[b] >= 1, "substeps must be at least 1");
     frames[b] = {x.data() + b * n,
                  v.data() + b * n,
                  x_out.data() + b * n,
                  v_out.data() + b * n,
-                 Sheet{m[0], m[1], m[2], m[3], m[4], m[5], m[6]},
+                 Sheet{m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9]},
                  substeps.data()[b],
                  handle_x.data() + b * handles * 3,
                  handle_v.data() + b * handles * 3,

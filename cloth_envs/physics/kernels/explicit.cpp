@@ -72,8 +72,20 @@ void Explicit<T>::advance(const Frame<T>& f) const {
   // Drag is integrated exactly: dv/dt = a - drag v over a substep with a constant.
   const double decay = std::exp(-f.sheet.drag * dt);
   const double lag = f.sheet.drag > 0 ? -std::expm1(-f.sheet.drag * dt) / f.sheet.drag : dt;
-  const StepTerms<T> terms{T(f.sheet.stretch),         T(f.sheet.shear),         T(f.sheet.bend), T(f.sheet.damping),
-                           T(1 - f.sheet.compression), T(lag / f.sheet.density), T(decay),        T(dt),
+  // A spring shortened by e has the tension -k c (min(e, b) + q max(e - b, 0)), b the length at which it buckles. On
+  // top of a linear spring's -k e that is k (1 - c q) e and -k c (1 - q) min(e, b).
+  const double c = f.sheet.compression, q = f.sheet.post_buckling;
+  const StepTerms<T> terms{T(f.sheet.stretch),
+                           T(f.sheet.shear),
+                           T(f.sheet.bend),
+                           T(f.sheet.damping),
+                           T(c * q - 1),
+                           T(c - c * q),
+                           T(f.sheet.buckling_strain),
+                           T(f.sheet.compression_damping * f.sheet.damping),
+                           T(lag / f.sheet.density),
+                           T(decay),
+                           T(dt),
                            T(lag * w.gravity)};
   const AirTerms<T> blow{T(w.wind_normal / 4),
                          T(w.wind_tangential / 4),
@@ -81,7 +93,7 @@ void Explicit<T>::advance(const Frame<T>& f) const {
                          {T(f.wind[0]), T(f.wind[1]), T(f.wind[2])}};
   const bool air = w.wind || w.pressure;
   const auto step =
-      f.sheet.compression < 1 ? lanes.yielding_step[air] : lanes.step[f.sheet.damping > 0][f.sheet.bend > 0][air];
+      f.sheet.yields() ? lanes.yielding_step[air] : lanes.step[f.sheet.damping > 0][f.sheet.bend > 0][air];
 
   std::vector<Driven> handles(w.handles.size());
   std::vector<Cubic> bodies(6 * w.bodies.size());

@@ -20,9 +20,12 @@ struct World {
   std::vector<Body> bodies;
 };
 
-// One cloth's material: kg/m^2, N/m, N/m, N m, s, 1/s, 1.
+// One cloth's material: kg/m^2, N/m, N/m, N m, s, 1/s, 1, 1, 1, 1.
 struct Sheet {
-  double density, stretch, shear, bend, damping, drag, compression = 1;
+  static constexpr std::size_t kProperties = 10;
+  double density, stretch, shear, bend, damping, drag;
+  double compression = 1, buckling_strain = 1, post_buckling = 1, compression_damping = 1;
+  bool yields() const { return compression != 1 || post_buckling != 1 || compression_damping != 1; }
 };
 
 // One cloth's frame. Arrays (3, H, W), (N, 3) and (C, 2, 3).

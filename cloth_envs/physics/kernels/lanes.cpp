@@ -10,16 +10,16 @@ namespace minicloth {
 namespace LANES {
 namespace {
 
-// One substep. Every edge is evaluated once, by f = k (1 - L/|d|) d + c (d.w)/|d|^2 d with c = damping * k (under
-// compression with 1 - slack times the k of the first term)
-// and the share of quadratic bending that lies on it, at the vertex that it leaves towards column + 1,
-// row + 1 or a diagonal. It arrives one lane later (along) or about a row later, through memory; where rows are
-// shorter than a vector, once all edges have left.
-template <class T, bool kSlack, bool kDamping, bool kBending, bool kAir>
+// One substep. Every edge is evaluated once, by f = k (1 - L/|d|) d + c (d.w)/|d|^2 d with c = damping * k (shortened
+// ones may have less of the first and more of the second term) and the share of quadratic bending that lies on it, at
+// the vertex that it leaves towards column + 1, row + 1 or a diagonal. It arrives one lane later (along) or about a row
+// later, through memory; where rows are shorter than a vector, once all edges have left.
+template <class T, bool kYields, bool kDamping, bool kBending, bool kAir>
 void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, const Planes<T>& out, const Cells<T>& air,
           const Edges<T>& edges) {
   const int s = g.stride;
-  const T stretch = p.stretch, shear = p.shear, bend = p.bend, damping = p.damping, slack = p.slack;
+  const T stretch = p.stretch, shear = p.shear, bend = p.bend, damping = p.damping;
+  const T yields = p.yields, buckled = p.buckled, buckling = p.buckling, shortened_damping = p.shortened_damping;
   const T col_length = g.col_length, row_length = g.row_length, diagonal = g.diagonal;
   const T *along = g.along.data(), *down = g.down.data(), *right = g.right.data(), *left = g.left.data();
   const T *along_near = g.along_near.data(), *down_near = g.down_near.data();
@@ -44,9 +44,14 @@ void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, cons
     const auto edge = [&](int j, const V<T>& k, T length, const V<T>& linear) __attribute__((always_inline)) {
       const V3<T> d = at(in.x, j) - x;
       const V<T> inverse = rsqrt(d.x * d.x + (d.y * d.y + (d.z * d.z + tiny<T>)));
-      V<T> pull = T(1) - length * inverse;
-      if constexpr (kSlack) pull -= slack * (pull < T(0) ? pull : none);
-      if constexpr (kDamping) pull += (damping * dot(d, at(in.v, j) - v)) * (inverse * inverse);
+      const V<T> ratio = length * inverse;
+      V<T> pull = T(1) - ratio, rate = none + damping;
+      if constexpr (kYields) {
+        const V<T> shorter = pull < T(0) ? pull : none, limit = -buckling * ratio;
+        rate = pull < T(0) ? none + shortened_damping : rate;
+        pull += yields * shorter + buckled * (shorter > limit ? shorter : limit);
+      }
+      if constexpr (kDamping) pull += (rate * dot(d, at(in.v, j) - v)) * (inverse * inverse);
       return (k * pull + linear) * d;
     };
     const auto east = edge(i + 1, stretch * load(along + i), col_length, kBending ? bend * load(along_near + i) : none);

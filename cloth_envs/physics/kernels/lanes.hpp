@@ -25,7 +25,8 @@ struct Edges {
 template <class T>
 struct StepTerms {
   T stretch, shear, bend, damping;        // N/m, N/m, N m, s
-  T slack;                                // 1 - stiffness in compression over that in stretch
+  T yields, buckled, buckling;            // of a shortened spring: see explicit.cpp
+  T shortened_damping;                    // s
   T accelerate, decay, dt, gravity_kick;  // force/area -> dv, v factor, s, dv of gravity
 };
 
