@@ -1,6 +1,6 @@
-"""Data of the local upscalers: real runs of the calibrated miniature, restarted from truth, and the truth beside them.
+"""Data of the local upscalers: real runs of the miniature, restarted from truth, and the truth beside them.
 
-Truth is the explicit reference at its default step in float32. Half of the episodes have the scene's own material, the
+Truth is the explicit reference at its default step in float32. Some of the episodes have the scene's own material, the
 others one with random areal density and stretch stiffness.
 """
 
@@ -17,10 +17,14 @@ from gymnasium.utils.seeding import np_random
 
 from cloth_envs.commands.policies import open_loop
 from cloth_envs.material import Material
+from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
+from surrogates.coarse import coarse_grid
+from surrogates.local_features import NODES, cells, features, flat_features, spacing, stiffness_numbers
 from surrogates.miniature import MiniatureBackend
+from surrogates.patches import dense_grid
 
 FRAMES = (1, 2, 3, 5, 7)  # after a restart, at which pairs are taken
 STARTS = (10, 25, 40, 55, 70, 85, 100)  # frames of an episode, at which windows begin
@@ -63,6 +67,7 @@ def simulate(
     *,
     randomize: Mapping[str, Sequence[float]] | None = None,
     starts: Sequence[int] = STARTS,
+    scaling: str = "calibrated",
     **options: Any,
 ) -> Windows:
     """Run the truth of every seed under smooth actions, and miniatures from each of ``starts``.
@@ -92,7 +97,7 @@ def simulate(
     materials = [world.materials[i] for i in members]
     coarse = {
         factor: np.concatenate(
-            [_window(world.scene, states[s], controls[s:], materials, members, factor) for s in starts]
+            [_window(world.scene, states[s], controls[s:], materials, members, factor, scaling) for s in starts]
         )
         for factor in factors
     }
@@ -107,9 +112,10 @@ def _window(
     materials: Sequence[Material],
     members: Sequence[int],
     factor: int,
+    scaling: str,
 ) -> np.ndarray:
     """Coarse positions at ``FRAMES``, ``(B, len(FRAMES), 3, h, w)``."""
-    backend = MiniatureBackend(scene, num_envs=len(members), factor=factor, scaling="calibrated")
+    backend = MiniatureBackend(scene, num_envs=len(members), factor=factor, scaling=scaling)
     backend.reset(start.select(list(members)), materials)
     found = []
     for frame, given in enumerate(controls[: max(FRAMES)], 1):
@@ -141,3 +147,46 @@ def cached(name: str, folder: Path, make: Any) -> Windows:
     rows = np.array([list(m.as_dict().values()) for m in windows.materials])
     np.savez(path, truth=windows.truth, materials=rows, **{str(f): x for f, x in windows.coarse.items()})
     return windows
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """P patches: features less those of the flat sheet ``(P, 36)``, answers ``(P, 27)`` and weights ``(P,)``."""
+
+    x: np.ndarray
+    y: np.ndarray
+    weight: np.ndarray
+    numbers: np.ndarray  # stiffness numbers (P, 2)
+
+
+def small(scene: Scene, factor: int) -> Scene:
+    """The scene on the coarse grid."""
+    return replace(scene, grid=coarse_grid(scene.grid, factor), handles=())
+
+
+def pairs(data: Windows, factor: int, most: int, seed: int = 0) -> Pairs:
+    """At most ``most`` patches, as many of every frame."""
+    rng, coarse = np.random.default_rng((seed, factor)), small(data.scene, factor)
+    grid, unit = coarse.grid, spacing(coarse.grid)
+    double = dense_grid(data.scene.grid, grid, 2)
+    decimate, bicubic = Resampler(data.scene.grid, double), Resampler(grid, double)
+    numbers, flat = stiffness_numbers(coarse, data.materials), flat_features(grid)
+    parts: list[tuple[np.ndarray, ...]] = []
+    share = most / (len(FRAMES) * len(data.truth) * grid.cells[0] * grid.cells[1])
+    for frame in range(len(FRAMES)):
+        size, begin = 0.0, len(parts)
+        for window in range(0, len(data.truth), 64):
+            part = slice(window, window + 64)
+            x = np.ascontiguousarray(data.coarse[factor][part, frame])
+            truth = np.ascontiguousarray(data.truth[part, frame])
+            gap = decimate(truth) - bicubic(x)
+            read, turn = features(x, unit)
+            chosen = np.flatnonzero(rng.random(read.shape[0] * read.shape[1]) < share)
+            wanted = (turn @ cells(gap) / np.float32(unit)).reshape(-1, 3, NODES)[chosen]
+            size += float(np.sqrt((wanted**2).sum(1)).mean(1).sum())
+            rows = np.repeat(numbers[part], read.shape[1], 0)[chosen]
+            parts.append((read.reshape(-1, read.shape[-1])[chosen] - flat, wanted.reshape(len(chosen), -1), rows))
+        count = sum(len(part[0]) for part in parts[begin:])
+        parts[begin:] = [(*part, np.full(len(part[0]), count / size)) for part in parts[begin:]]
+    x, y, rows, weight = (np.concatenate([part[k] for part in parts]).astype(np.float32) for k in range(4))
+    return Pairs(x, y, weight, rows)

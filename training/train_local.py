@@ -14,7 +14,8 @@ import hashlib
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -29,17 +30,16 @@ from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from cloth_envs.world import World
-from surrogates.calibrated import card
 from surrogates.checkpoint import WEIGHTS, load, save
 from surrogates.coarse import coarse_grid
 from surrogates.local import Local, Ridge, weights_name
-from surrogates.local_features import NODES, cells, features, flat_features, spacing, stiffness_numbers
-from surrogates.patches import dense_grid
+from surrogates.local_features import flat_features
+from surrogates.miniature import MiniatureBackend
 from training.bench.truth import cache_folder
-from training.local_data import FRAMES, RANGE, STARTS, Windows, cached, join, simulate, varied
+from training.local_data import FRAMES, RANGE, STARTS, Pairs, Windows, cached, join, pairs, simulate, small, varied
 
 FACTORS = (2, 3, 4)
-HELD_OUT = tuple(range(200, 205))
+FIRST_SEED, HELD_OUT = 1000, (200, 201, 202, 203, 204)
 SHOWN = (1, 5)  # frames of the card's errors
 
 
@@ -53,6 +53,7 @@ class Recipe:
         patches: of all windows and frames, drawn at random.
         steps, batch, rate: of Adam; the rate falls along half a cosine.
         ridge: of the regression's diagonal.
+        scaling: of the miniature.
     """
 
     seeds: tuple[int, int] = (24, 16)
@@ -63,49 +64,7 @@ class Recipe:
     rate: float = 3e-3
     ridge: float = 1e-5
     seed: int = 0
-
-
-@dataclass(frozen=True)
-class Pairs:
-    """P patches: features less those of the flat sheet ``(P, 36)``, answers ``(P, 27)`` and weights ``(P,)``."""
-
-    x: np.ndarray
-    y: np.ndarray
-    weight: np.ndarray
-    numbers: np.ndarray  # stiffness numbers (P, 2)
-
-
-def small(scene: Scene, factor: int) -> Scene:
-    """The scene on the coarse grid."""
-    return replace(scene, grid=coarse_grid(scene.grid, factor), handles=())
-
-
-def pairs(data: Windows, factor: int, most: int, seed: int = 0) -> Pairs:
-    """At most ``most`` patches, as many of every frame."""
-    rng, coarse = np.random.default_rng((seed, factor)), small(data.scene, factor)
-    grid, unit = coarse.grid, spacing(coarse.grid)
-    double = dense_grid(data.scene.grid, grid, 2)
-    decimate, bicubic = Resampler(data.scene.grid, double), Resampler(grid, double)
-    numbers, flat = stiffness_numbers(coarse, data.materials), flat_features(grid)
-    parts: list[tuple[np.ndarray, ...]] = []
-    share = most / (len(FRAMES) * len(data.truth) * grid.cells[0] * grid.cells[1])
-    for frame in range(len(FRAMES)):
-        size, begin = 0.0, len(parts)
-        for window in range(0, len(data.truth), 64):
-            part = slice(window, window + 64)
-            x = np.ascontiguousarray(data.coarse[factor][part, frame])
-            truth = np.ascontiguousarray(data.truth[part, frame])
-            gap = decimate(truth) - bicubic(x)
-            read, turn = features(x, unit)
-            chosen = np.flatnonzero(rng.random(read.shape[0] * read.shape[1]) < share)
-            wanted = (turn @ cells(gap) / np.float32(unit)).reshape(-1, 3, NODES)[chosen]
-            size += float(np.sqrt((wanted**2).sum(1)).mean(1).sum())
-            rows = np.repeat(numbers[part], read.shape[1], 0)[chosen]
-            parts.append((read.reshape(-1, read.shape[-1])[chosen] - flat, wanted.reshape(len(chosen), -1), rows))
-        count = sum(len(part[0]) for part in parts[begin:])
-        parts[begin:] = [(*part, np.full(len(part[0]), count / size)) for part in parts[begin:]]
-    x, y, rows, weight = (np.concatenate([part[k] for part in parts]).astype(np.float32) for k in range(4))
-    return Pairs(x, y, weight, rows)
+    scaling: str = "calibrated"
 
 
 def fit_ridge(data: Pairs, recipe: Recipe) -> dict[str, np.ndarray]:
@@ -183,67 +142,77 @@ def errors(data: Windows, factor: int, upscaler: Local | None) -> dict[str, floa
     return out
 
 
-def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: Path) -> None:
-    """Fit and write both upscalers of a scene; what ``out`` holds of this recipe and data is kept."""
+def episodes(scene: str, recipe: Recipe, cache: Path) -> tuple[Windows, dict[str, Windows]]:
+    """Windows to train on, and held-out ones by name."""
     described = World(scene).scene
+    miniatures = [MiniatureBackend(described, factor=f, scaling=recipe.scaling).coarse.scene for f in FACTORS]
 
-    def episodes(name: str, first: int, count: int, random: bool) -> Windows:
-        seeds, ranges = range(first, first + count), varied(described) if random else None
-        mark = hashlib.sha256(repr((described, first, FRAMES, STARTS, ranges, card()["scenes"][scene])).encode())
-        kept = f"{scene}_{name}_{count}_{mark.hexdigest()[:12]}"
-        return cached(kept, cache, lambda: simulate(scene, seeds, FACTORS, randomize=ranges))
+    def some(first: int, count: int, random: bool) -> Windows:
+        ranges = varied(described) if random else None
+        mark = hashlib.sha256(repr((described, miniatures, first, FRAMES, STARTS, ranges)).encode()).hexdigest()[:12]
+        seeds = range(first, first + count)
+
+        def make() -> Windows:
+            return simulate(scene, seeds, FACTORS, randomize=ranges, scaling=recipe.scaling)
+
+        return cached(f"{scene}_{count}_{mark}", cache, make)
 
     own, other = recipe.seeds
-    data = join([episodes("own", 1000, own, False), episodes("varied", 1000 + own, other, True)])
-    held, held_varied = (episodes(f"held_{n}", HELD_OUT[0], len(HELD_OUT), n == "varied") for n in ("own", "varied"))
-    key = data.key
-    for factor in factors:
-        coarse = small(described, factor)
-        chosen: Pairs | None = None
-        for kind in (Ridge, Local):
-            name = weights_name(kind.method, scene)
-            arrays: dict[str, np.ndarray] = {}
-            old: dict[str, Any] = {}
-            if (out / f"{name}.safetensors").is_file():
-                load.cache_clear()
-                arrays, old = (dict(part) for part in load(name, out))
-            settings = {"recipe": json.loads(json.dumps(asdict(recipe))), "data": key}
-            if old.get("factors", {}).get(str(factor), {}).get("trained with") == settings:
-                continue
-            chosen = chosen or pairs(data, factor, recipe.patches, recipe.seed)
-            began = process_time()
-            if kind is Ridge:
-                fitted = fit_ridge(chosen, recipe)
-            else:
-                fitted = centred(
-                    fit_net(chosen, factor, recipe, cache / f"{name}_{factor}.pt", f"{scene} 1/{factor}"), coarse
-                )
-            seconds = process_time() - began
-            upscaler = kind(coarse, described, factor, arrays=fitted)
-            shown = {
-                f"{which}, {what}": errors(windows, factor, up)
-                for which, windows in (("held out", held), ("held out, varied material", held_varied))
-                for what, up in (("bicubic", None), (kind.method, upscaler))
-            }
-            arrays = {n: a for n, a in arrays.items() if not n.startswith(f"{factor}.")}
-            arrays |= {f"{factor}.{n}": a for n, a in fitted.items()}
-            about = {"error [% of length] after frames": shown, "trained with": settings, "seconds": round(seconds, 1)}
-            save(
-                name,
-                arrays,
-                _card(scene, kind.method) | {"factors": {**old.get("factors", {}), str(factor): about}},
-                out,
-            )
-            print(f"{scene} 1/{factor} {kind.method}: {shown}", flush=True)
+    train = join([some(FIRST_SEED, own, False), some(FIRST_SEED + own, other, True)])
+    first, count = HELD_OUT[0], len(HELD_OUT)
+    return train, {"held out": some(first, count, False), "held out, varied material": some(first, count, True)}
+
+
+def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: Path) -> None:
+    """Fit and write both upscalers of a scene; what ``out`` holds of this recipe and data is kept."""
+    data, held = episodes(scene, recipe, cache)
+    settings = {"recipe": json.loads(json.dumps(asdict(recipe))), "data": data.key}
+    mark = hashlib.sha256(json.dumps(settings).encode()).hexdigest()[:12]
+    for factor, kind in product(factors, (Ridge, Local)):
+        name, coarse = weights_name(kind.method, scene), small(data.scene, factor)
+        arrays, done = _written(name, out)
+        if done.get(str(factor), {}).get("trained with") == settings:
+            continue
+        chosen, began = pairs(data, factor, recipe.patches, recipe.seed), process_time()
+        if kind is Ridge:
+            fitted = fit_ridge(chosen, recipe)
+        else:
+            net = fit_net(chosen, factor, recipe, cache / f"{name}_{factor}_{mark}.pt", f"{scene} 1/{factor}")
+            fitted = centred(net, coarse)
+        seconds = round(process_time() - began, 1)
+        upscaler = kind(coarse, data.scene, factor, arrays=fitted)
+        shown = {
+            f"{which}, {what}": errors(windows, factor, up)
+            for which, windows in held.items()
+            for what, up in (("bicubic", None), (kind.method, upscaler))
+        }
+        arrays = {n: a for n, a in arrays.items() if not n.startswith(f"{factor}.")}
+        arrays |= {f"{factor}.{n}": a for n, a in fitted.items()}
+        done[str(factor)] = {
+            "error [% of length] after frames": shown,
+            "trained with": settings,
+            "seconds": seconds,
+            "machine": header(),
+        }
+        save(name, arrays, _card(scene, kind.method) | {"factors": done}, out)
+        print(f"{scene} 1/{factor} {kind.method}: {shown}", flush=True)
+
+
+def _written(name: str, out: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """What ``out`` holds of a scene: arrays, and what its card says of every factor."""
+    if not (out / f"{name}.safetensors").is_file():
+        return {}, {}
+    load.cache_clear()
+    arrays, card = load(name, out)
+    return dict(arrays), dict(card["factors"])
 
 
 def _card(scene: str, method: str) -> dict[str, Any]:
     return {
         "what": f"upscaler {method!r} of {scene}: residual to bicubic, per patch of 12 coarse vertices",
-        "data": f"calibrated miniature restarted from truth (float32) at frames {STARTS}, pairs after {FRAMES} frames",
+        "data": f"miniature restarted from truth (float32) at frames {STARTS}, pairs {FRAMES} frames later",
         "materials": f"areal density and stretch stiffness {RANGE[0]} to {RANGE[1]} times the scene's own",
         "licence": "MIT",
-        "machine": header(),
     }
 
 
@@ -252,15 +221,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--scenes", nargs="*", default=list(SCENES))
     parser.add_argument("--factors", nargs="*", type=int, default=list(FACTORS), choices=FACTORS)
     parser.add_argument("--steps", type=int, default=Recipe.steps, help=f"of Adam (default {Recipe.steps})")
+    parser.add_argument("--scaling", default=Recipe.scaling, help="of the miniature (default calibrated)")
     parser.add_argument("--out", type=Path, default=WEIGHTS, help="folder of the weights")
     parser.add_argument("--cache", type=Path, help="folder of the data (default: in the user's caches)")
     given = parser.parse_args(argv)
+    cache = given.cache or cache_folder().parent / "local"
     for scene in given.scenes:
         if scene not in SCENES:
             raise unknown_name("scene", scene, SCENES)
-        train(
-            scene, given.factors, Recipe(steps=given.steps), given.out, given.cache or cache_folder().parent / "local"
-        )
+        train(scene, given.factors, Recipe(steps=given.steps, scaling=given.scaling), given.out, cache)
     return 0
 
 
