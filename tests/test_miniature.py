@@ -8,6 +8,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.utils.seeding import np_random
 
 import cloth_envs
 from cloth_envs.grid import Grid
@@ -17,6 +18,7 @@ from cloth_envs.registry import SCENES
 from cloth_envs.resample import KINDS
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
+from cloth_envs.world import World
 from surrogates.coarse import Handles, coarse_grid, miniature_material
 from surrogates.miniature import MiniatureBackend, UpscaledState
 
@@ -138,6 +140,28 @@ def test_the_fine_cloth_is_computed_when_it_is_read() -> None:
     assert state.copy().positions.shape == (1, 3, 17, 17)
 
 
+def test_each_scaling_is_nearer_to_the_reference_than_the_one_before() -> None:
+    """A sheet that fell on the ball for 0.5 s, then 5 frames of each from there."""
+    world = World("BallDrop")
+    world.reset({0: np_random(11)[0]})
+    still = np.zeros((1, len(world.task.actions)))
+    for _ in range(25):
+        world.step(still)
+    assert world.episode is not None
+    start, controls, ends = world.state.copy(), [], []
+    for _ in range(5):
+        controls.append(world.task.controls(world.episode))
+        world.episode.state = world.backend.advance(controls[-1])
+        ends.append(world.state.positions.copy())
+    errors = []
+    for scaling in ("seed", "similar", "calibrated", "closure"):
+        backend = MiniatureBackend(world.scene, factor=4, scaling=scaling)
+        backend.reset(start)
+        gaps = [backend.advance(c).positions - end for c, end in zip(controls, ends, strict=True)]
+        errors.append(np.linalg.norm(gaps, axis=2).mean())
+    assert errors == sorted(errors, reverse=True)
+
+
 def test_bad_arguments_name_the_remedy() -> None:
     for kwargs, words in (
         ({"factor": 5}, "2, 3 or 4"),
@@ -150,5 +174,6 @@ def test_bad_arguments_name_the_remedy() -> None:
         with pytest.raises(ValueError, match=words):
             make("Flag", **kwargs)
     nameless = replace(make("Flag").scene, name="Nameless")
-    with pytest.raises(ValueError, match=r"training\.calibrate"):
-        MiniatureBackend(nameless, scaling="calibrated")
+    for scaling in ("calibrated", "closure"):
+        with pytest.raises(ValueError, match=rf"training\.calibrate --scaling {scaling}"):
+            MiniatureBackend(nameless, scaling=scaling)

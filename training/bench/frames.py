@@ -17,7 +17,8 @@ from cloth_envs.state import Controls, State
 class Frame:
     """Medians. ``overhead_us`` is a step less its solver call; ``repeated_us`` a step whose solver call does nothing.
 
-    They differ because a solver call leaves little of Python in the processor's caches.
+    They differ because a solver call leaves little of Python in the processor's caches: ``cold`` is how many times
+    longer a fixed piece of plain Python takes right after one than when it is repeated.
     """
 
     scene: str
@@ -27,6 +28,7 @@ class Frame:
     solver_ms: float
     overhead_us: float
     repeated_us: float
+    cold: float
 
 
 class Timed:
@@ -34,14 +36,21 @@ class Timed:
 
     def __init__(self, step: Callable[[State, State, Controls], None]) -> None:
         self.step, self.times, self.idle = step, [0.0], False
+        self.given: tuple[State, State, Controls]
 
     def __call__(self, old: State, new: State, controls: Controls) -> None:
-        start = perf_counter()
+        start, self.given = perf_counter(), (old, new, controls)
         if self.idle:
             new.positions[:], new.velocities[:] = old.positions, old.velocities
         else:
             self.step(old, new, controls)
         self.times.append(perf_counter() - start)
+
+
+def plain() -> int:
+    """Some hundreds of the interpreter's instructions, spread over its types."""
+    table, words = {str(k): k for k in range(20)}, [str(k) for k in range(20)]
+    return sum(len(f"{table[word]:5.2f}".strip()) + isinstance(word, str) for word in words)
 
 
 def measure(scene: str, steps: int) -> Frame:
@@ -64,6 +73,13 @@ def measure(scene: str, steps: int) -> Frame:
         start = perf_counter()
         env.step(action)
         repeated.append(perf_counter() - start - timed.times[-1])
+    warm, cold = [], []
+    for times, before in ((warm, lambda: None), (cold, lambda: timed.step(*timed.given))):
+        for _ in range(steps):
+            before()
+            start = perf_counter()
+            plain()
+            times.append(perf_counter() - start)
     return Frame(
         scene=scene,
         vertices=env.scene.grid.vertices,  # type: ignore[attr-defined]
@@ -72,16 +88,17 @@ def measure(scene: str, steps: int) -> Frame:
         solver_ms=float(np.median(solver)) * 1e3,
         overhead_us=float(np.median(np.subtract(totals, solver))) * 1e6,
         repeated_us=float(np.median(repeated)) * 1e6,
+        cold=float(np.median(cold) / np.median(warm)),
     )
 
 
 def table(frames: list[Frame]) -> str:
     """The frames as text."""
     heads = f"{'scene':10s} {'vertices':>8s} {'frame':>6s} {'substeps':>8s}"
-    lines = [f"{heads} {'solver':>9s} {'overhead':>9s} {'repeated':>9s}"]
+    lines = [f"{heads} {'solver':>9s} {'overhead':>9s} {'repeated':>9s} {'cold':>5s}"]
     lines += [
         f"{f.scene:10s} {f.vertices:8d} {f.frame_ms:3.0f} ms {f.substeps:8d} {f.solver_ms:6.2f} ms "
-        f"{f.overhead_us:6.0f} us {f.repeated_us:6.0f} us"
+        f"{f.overhead_us:6.0f} us {f.repeated_us:6.0f} us {f.cold:4.1f}x"
         for f in frames
     ]
     return "\n".join(lines)

@@ -46,8 +46,9 @@ class Method:
         return json.dumps(dict(self.options))
 
 
-def _miniature(factor: int, scaling: str) -> Method:
-    return Method("miniature", {"factor": factor, "scaling": scaling})
+def _miniature(factor: int, scaling: str, upscaler: str = "bicubic") -> Method:
+    options = {} if upscaler == "bicubic" else {"upscaler": upscaler}
+    return Method("miniature", {"factor": factor, "scaling": scaling, **options})
 
 
 # Add a method by a line.
@@ -59,6 +60,9 @@ METHODS: dict[str, Method] = {
     "mini \u00d72 calibrated": _miniature(2, "calibrated"),
     "mini \u00d74 similar": _miniature(4, "similar"),
     "mini \u00d74 calibrated": _miniature(4, "calibrated"),
+    "mini \u00d72 closure, local": _miniature(2, "closure", "local"),
+    "mini \u00d74 closure, local": _miniature(4, "closure", "local"),
+    "cnn": Method("cnn", {}),
 }
 
 
