@@ -73,7 +73,8 @@ def measure(scene: str, steps: int) -> Frame:
         start = perf_counter()
         env.step(action)
         repeated.append(perf_counter() - start - timed.times[-1])
-    warm, cold = [], []
+    warm: list[float] = []
+    cold: list[float] = []
     for times, before in ((warm, lambda: None), (cold, lambda: timed.step(*timed.given))):
         for _ in range(steps):
             before()
