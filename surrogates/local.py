@@ -55,7 +55,7 @@ class Local:
         self._net = PatchNet(spacing(coarse.grid), [np.ascontiguousarray(w, np.float32) for w in self._weights])
         self._bias = np.zeros((0, sum(len(w) for w in self._weights)), np.float32)
         double = dense_grid(fine.grid, coarse.grid, 2)
-        self._halves, self._bicubic = Resampler(coarse.grid, double), Resampler(coarse.grid, fine.grid)
+        self._double, self._bicubic = double.shape, Resampler(coarse.grid, fine.grid)
         self._rest = None if double.shape == fine.grid.shape else Resampler(double, fine.grid)
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
@@ -79,8 +79,8 @@ class Local:
 
     def positions(self, history: Sequence[State]) -> np.ndarray:
         x = history[-1].positions
-        out = self._halves(x)
-        self._net.add(x, self._bias, out)
+        out = np.empty((len(x), 3, *self._double), np.float32)
+        self._net.upscale(x, self._bias, out)
         return out if self._rest is None else self._rest(out)
 
     def seam(self, history: Sequence[State]) -> float:

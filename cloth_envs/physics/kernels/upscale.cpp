@@ -33,7 +33,7 @@ void make_net(PatchNet* self, double spacing, const std::vector<In<float, 2>>& w
   new (self) PatchNet(std::move(net));
 }
 
-void add_detail(const PatchNet& net, In<float, 4> x, In<float, 2> bias, Out<float, 4> out) {
+void upscale(const PatchNet& net, In<float, 4> x, In<float, 2> bias, Out<float, 4> out) {
   const std::size_t batch = x.shape(0), rows = x.shape(2), cols = x.shape(3);
   const std::size_t high = 2 * rows - 1, wide = 2 * cols - 1;
   need(x.shape(1) == 3 && rows >= 3 && cols >= 3, "positions must be (B, 3, h, w), 3 x 3 vertices or more");
@@ -41,8 +41,8 @@ void add_detail(const PatchNet& net, In<float, 4> x, In<float, 2> bias, Out<floa
   need(shaped(bias, {batch, std::size_t(net.biases)}), "bias must be (B, outputs of all layers)");
   nb::gil_scoped_release release;
   for (std::size_t b = 0; b < batch; ++b)
-    best_upscale_lanes().detail(net, x.data() + b * 3 * rows * cols, int(rows), int(cols), bias.data() + b * net.biases,
-                                out.data() + b * 3 * high * wide);
+    best_upscale_lanes().upscale(net, x.data() + b * 3 * rows * cols, int(rows), int(cols),
+                                 bias.data() + b * net.biases, out.data() + b * 3 * high * wide);
 }
 
 std::vector<UpscaledBody> bodies_of(In<float, 4> ends, In<float, 4> velocities, In<float, 1> radii,
@@ -111,8 +111,8 @@ void stop_at(Out<float, 4> v, In<float, 4> x, In<float, 4> ends, In<float, 4> ve
 void bind_upscale(nb::module_& m) {
   nb::class_<PatchNet>(m, "PatchNet")
       .def("__init__", &make_net, nb::arg("spacing"), nb::arg("weights"))
-      .def("add", &add_detail,
-           "Adds the residual of coarse positions (B, 3, h, w) to out on the grid of half the spacing.");
+      .def("upscale", &upscale,
+           "Writes coarse positions (B, 3, h, w) at half the spacing, bicubic and residual, to out.");
   m.def("push_out", &push_out,
         "Puts vertices that are in bodies on the surface; how many, and the deepest, by member.");
   m.def("stop_at", &stop_at, "Takes from vertices at the surface of bodies the velocity into them.");

@@ -39,8 +39,8 @@ struct Pushed {
 };
 
 struct UpscaleLanes {
-  // Adds the network's residual of the coarse positions (3, rows, cols) to out, (3, 2 rows - 1, 2 cols - 1).
-  void (*detail)(const PatchNet&, const float* x, int rows, int cols, const float* bias, float* out);
+  // Coarse positions (3, rows, cols) at half the spacing, (3, 2 rows - 1, 2 cols - 1): bicubic and the residual.
+  void (*upscale)(const PatchNet&, const float* x, int rows, int cols, const float* bias, float* out);
   // Puts those of n vertices (3, n) that are in the body on its surface.
   Pushed (*push)(const UpscaledBody&, int n, float* x);
   // Takes from vertices within `reach` of the body's surface the velocity into it.

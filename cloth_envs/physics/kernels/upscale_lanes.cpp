@@ -1,5 +1,4 @@
 // Compiled once per instruction set; LANES names the namespace.
-#include <algorithm>
 #include <cstring>
 
 #include "nearest.hpp"
@@ -31,29 +30,31 @@ void dense(const DenseLayer& layer, const float* bias, const F* x, F* y) {
   }
 }
 
-// The coarse sheet with one more row and column all around, where a parabola continues it. Of each padded row come its
-// first n = cols - 1 numbers, so that a whole sheet of patches is contiguous: vertex (i, j) of patch q, of which n lie
-// in a row, is to[axis][j][q + i n]. `each` is the size of such a part.
-void pad(const float* x, int rows, int cols, std::size_t each, float* to) {
-  const int n = cols - 1;
-  thread_local Plane<float> lines;
-  lines.resize(std::size_t(rows + 2) * (cols + 2));
-  for (int k = 0; k < 3; ++k) {
-    float* line = lines.data() + cols + 2;
-    for (int r = 0; r < rows; ++r, x += cols, line += cols + 2) {
+// The coarse sheet with one more row and column all around, where a parabola continues it: to[axis], `plane` apart.
+void pad(const float* x, int rows, int cols, std::size_t plane, float* to) {
+  const int wide = cols + 2;
+  for (int k = 0; k < 3; ++k, to += plane) {
+    float* line = to + wide;
+    for (int r = 0; r < rows; ++r, x += cols, line += wide) {
       std::memcpy(line + 1, x, cols * sizeof(float));
       line[0] = 3 * (line[1] - line[2]) + line[3];
       line[cols + 1] = 3 * (line[cols] - line[cols - 1]) + line[cols - 2];
     }
     const auto extend = [&](float* end, int step) {
-      for (int c = 0; c < cols + 2; ++c) end[c] = 3 * (end[c + step] - end[c + 2 * step]) + end[c + 3 * step];
+      for (int c = 0; c < wide; ++c) end[c] = 3 * (end[c + step] - end[c + 2 * step]) + end[c + 3 * step];
     };
-    extend(lines.data(), cols + 2), extend(line, -(cols + 2));
-    for (int j = 0; j < 4; ++j, to += each) {
-      for (int r = 0; r < rows + 2; ++r) std::memcpy(to + r * n, lines.data() + r * (cols + 2) + j, n * sizeof(float));
-      std::fill(to + (rows + 2) * n, to + each, 0.0f);
-    }
+    extend(to, wide), extend(line, -wide);
   }
+}
+
+// Of each padded row the n = cols - 1 numbers from j on, for j = 0 to 3, so that all patches are contiguous: vertex
+// (i, j) of patch q, of which n lie in a row, is to[axis][j][q + i n]. `each` is the size of such a part.
+void line_up(const float* padded, int rows, int cols, std::size_t plane, std::size_t each, float* to) {
+  const int n = cols - 1;
+  for (int k = 0; k < 3; ++k, padded += plane)
+    for (int j = 0; j < 4; ++j, to += each)
+      for (int r = 0; r < rows + 2; ++r)  // whole vectors: the next row overwrites what is too much
+        for (int c = 0; c < n; c += kWide) store(to + r * n + c, load(padded + r * (cols + 2) + j + c));
 }
 
 V3<float> unit(const V3<float>& a) { return rsqrt(dot(a, a) + tiny<float>) * a; }
@@ -99,41 +100,56 @@ void infer(const PatchNet& net, const float* patches, std::size_t each, int n, c
   }
 }
 
-// Adds to every vertex the mean of what the cells around it say; there are rows x n cells.
-void merge(const float* planes, std::size_t area, int rows, int n, float* out) {
-  thread_local Plane<float> means;
-  means.resize(3 * n);
+// Bicubic interpolation at half the spacing, as cloth_envs.resample has it, and the mean of what the cells around every
+// vertex add to it.
+void merge(const float* padded, std::size_t plane, const float* planes, std::size_t area, int rows, int cols,
+           float* out) {
+  const int n = cols - 1, wide = cols + 2;
+  thread_local Plane<float> between, means;
+  between.resize(wide), means.resize(3 * n);
+  const auto cubic = [](float a, float b, float c, float d) { return 0.5625f * (b + c) - 0.0625f * (a + d); };
   for (int k = 0; k < 3; ++k) {
     const auto row = [&](int r, int i, int j) { return planes + ((i * 3 + j) * 3 + k) * area + r * n; };
-    for (int line = 0; line <= 2 * rows; ++line, out += 2 * n + 1) {
+    for (int line = 0; line < 2 * rows - 1; ++line, out += 2 * n + 1) {
+      const int r = line / 2;
+      const float *p = padded + k * plane + r * wide, *v = p + wide;
+      if (line % 2 == 1) {
+        float* middle = between.data();
+        for (int c = 0; c < wide; ++c) middle[c] = cubic(p[c], p[c + wide], p[c + 2 * wide], p[c + 3 * wide]);
+        v = middle;
+      }
       const float* said[3];  // at the left, in the middle and at the right of every cell
       for (int j = 0; j < 3; ++j) {
-        const int r = line / 2;
-        if (line % 2 == 1 || line == 0 || line == 2 * rows) {
-          said[j] = line == 2 * rows ? row(r - 1, 2, j) : row(r, line % 2, j);
-          continue;
-        }
-        const float *below = row(r, 0, j), *above = row(r - 1, 2, j);
         float* mean = means.data() + j * n;
-        for (int c = 0; c < n; ++c) mean[c] = 0.5f * (below[c] + above[c]);
         said[j] = mean;
+        if (line == 2 * rows - 2)
+          said[j] = row(r - 1, 2, j);
+        else if (line % 2 == 1 || line == 0)
+          said[j] = row(r, line % 2, j);
+        else
+          for (int c = 0; c < n; ++c) mean[c] = 0.5f * (row(r, 0, j)[c] + row(r - 1, 2, j)[c]);
       }
       const float *left = said[0], *middle = said[1], *right = said[2];
-      out[0] += left[0];
-      for (int c = 0; c < n - 1; ++c) out[2 * c + 1] += middle[c], out[2 * c + 2] += 0.5f * (right[c] + left[c + 1]);
-      out[2 * n - 1] += middle[n - 1], out[2 * n] += right[n - 1];
+      out[0] = v[1] + left[0];
+      for (int c = 0; c < n; ++c) {
+        out[2 * c + 1] = cubic(v[c], v[c + 1], v[c + 2], v[c + 3]) + middle[c];
+        out[2 * c + 2] = v[c + 2] + 0.5f * (right[c] + left[c + 1 < n ? c + 1 : c]);
+      }
+      out[2 * n] = v[n + 1] + right[n - 1];
     }
   }
 }
 
-void detail(const PatchNet& net, const float* x, int rows, int cols, const float* bias, float* out) {
+void upscale(const PatchNet& net, const float* x, int rows, int cols, const float* bias, float* out) {
   const int n = cols - 1, cells = (rows - 1) * n;
-  const std::size_t each = std::size_t(rows + 2) * n + kBlock, area = std::size_t(cells + kBlock - 1) / kBlock * kBlock;
-  thread_local Plane<float> patches, planes;
-  patches.resize(12 * each), planes.resize(3 * kNodes * area);
-  pad(x, rows, cols, each, patches.data());
+  const std::size_t plane = std::size_t(rows + 2) * (cols + 2) + kBlock, each = std::size_t(rows + 3) * n + kBlock;
+  const std::size_t area = std::size_t(cells + kBlock - 1) / kBlock * kBlock;
+  thread_local Plane<float> padded, patches, planes;
+  padded.resize(3 * plane), patches.resize(12 * each), planes.resize(3 * kNodes * area);
+  pad(x, rows, cols, plane, padded.data());
+  line_up(padded.data(), rows, cols, plane, each, patches.data());
   for (int p = 0; p < cells; p += kWide) infer(net, patches.data() + p, each, n, bias, area, planes.data() + p);
-  merge(planes.data(), area, rows - 1, n, out);
+  merge(padded.data(), plane, planes.data(), area, rows, cols, out);
 }
 
 // Outward normals, gaps to the surface (negative inside) and velocities of a body at x.
@@ -200,7 +216,7 @@ void stop(const UpscaledBody& b, int n, const float* x, float* v, float reach) {
   });
 }
 
-const UpscaleLanes table = {detail, push, stop};
+const UpscaleLanes table = {upscale, push, stop};
 
 }  // namespace
 
