@@ -229,7 +229,8 @@ def text(rows: Sequence[Row]) -> str:
     """The tables for people: a line for each method, its numbers by protocol and frames."""
     lines, last = [], ""
     groups: dict[tuple[Any, ...], list[Row]] = {}
-    for r in rows:
+    order = list(dict.fromkeys(r.table for r in rows))
+    for r in sorted(rows, key=lambda r: order.index(r.table)):
         groups.setdefault((r.table, r.scene, r.options, r.factor, r.method), []).append(r)
     for (table, scene, options, factor, method), found in groups.items():
         if table != last:
