@@ -18,7 +18,7 @@ from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from surrogates.checkpoint import WEIGHTS, load
-from surrogates.local_features import answer, features, flat_features, spacing, stiffness_numbers
+from surrogates.local_features import LIMIT, answer, features, flat_features, spacing, stiffness_numbers
 from surrogates.patches import dense_grid, squares
 
 LAYERS = 4  # at most
@@ -52,7 +52,7 @@ class Local:
         self._weights = [arrays[f"weight{k}"] for k in range(LAYERS) if f"weight{k}" in arrays]
         self._offsets = [arrays[f"bias{k}"] for k in range(len(self._weights) - 1)]
         self._material = [arrays[n] for n in ("material", "material_low", "material_high") if n in arrays]
-        self._net = PatchNet(spacing(coarse.grid), [np.ascontiguousarray(w, np.float32) for w in self._weights])
+        self._net = PatchNet(spacing(coarse.grid), LIMIT, [np.ascontiguousarray(w, np.float32) for w in self._weights])
         self._bias = np.zeros((0, sum(len(w) for w in self._weights)), np.float32)
         double = dense_grid(fine.grid, coarse.grid, 2)
         self._double, self._bicubic = double.shape, Resampler(coarse.grid, fine.grid)

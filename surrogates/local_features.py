@@ -19,6 +19,7 @@ from surrogates.patches import squares
 
 PLACES = np.array([1, 2, 4, 5, 6, 7, 8, 9, 10, 11, 13, 14])  # of a patch's vertices among 4 x 4
 NODES = 9
+LIMIT = 0.3  # of a residual, in coarse spacings
 AIR = 1.2  # kg/m^3
 
 
@@ -80,8 +81,12 @@ def cells(double: np.ndarray) -> np.ndarray:
 
 
 def answer(outputs: np.ndarray, turn: np.ndarray, unit: float) -> np.ndarray:
-    """A network's ``outputs`` ``(B, cells, 27)`` in the patches' axes as vectors [m], ``(B, cells, 9, 3)``."""
+    """A network's ``outputs`` ``(B, cells, 27)`` in the patches' axes as vectors [m], ``(B, cells, 9, 3)``.
+
+    A vector ``y`` is shortened to ``y / sqrt(1 + |y|^2 / LIMIT^2)``: where the network extrapolates it tears no edge.
+    """
     inner = outputs.reshape(*outputs.shape[:2], 3, NODES)
+    inner = inner / np.sqrt(1 + (inner**2).sum(2, keepdims=True) / LIMIT**2)
     return np.swapaxes(inner, -1, -2) @ turn * np.asarray(unit, outputs.dtype)
 
 

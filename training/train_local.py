@@ -33,7 +33,7 @@ from cloth_envs.world import World
 from surrogates.checkpoint import WEIGHTS, load, save
 from surrogates.coarse import coarse_grid
 from surrogates.local import Local, Ridge, weights_name
-from surrogates.local_features import flat_features
+from surrogates.local_features import LIMIT, flat_features
 from surrogates.miniature import MiniatureBackend
 from training.bench.truth import cache_folder
 from training.local_data import FRAMES, RANGE, STARTS, Pairs, Windows, cached, join, pairs, simulate, small, varied
@@ -103,7 +103,9 @@ def fit_net(data: Pairs, factor: int, recipe: Recipe, kept: Path, label: str = "
         chosen = torch.from_numpy(np.random.default_rng((recipe.seed, step)).integers(len(x), size=recipe.batch))
         of_flat = reads_numbers(numbers[chosen])
         found = last((reads(x[chosen]) + of_flat).relu() - of_flat.relu())
-        gap = (found - y[chosen]).reshape(recipe.batch, 3, -1)
+        found = found.reshape(recipe.batch, 3, -1)
+        found = found * (1 + found.square().sum(1, keepdim=True) * (scale / LIMIT) ** 2).rsqrt()
+        gap = found - y[chosen].reshape(recipe.batch, 3, -1)
         loss = ((gap.square().sum(1) + 1e-12).sqrt() * weight[chosen, None]).mean()
         optimiser.zero_grad()
         loss.backward()

@@ -14,9 +14,9 @@ namespace nb = nanobind;
 namespace minicloth {
 namespace {
 
-void make_net(PatchNet* self, double spacing, const std::vector<In<float, 2>>& weights) {
-  need(spacing > 0, "spacing must be positive");
-  PatchNet net{float(spacing), {}, 0};
+void make_net(PatchNet* self, double spacing, double limit, const std::vector<In<float, 2>>& weights) {
+  need(spacing > 0 && limit > 0, "spacing and limit must be positive");
+  PatchNet net{float(spacing), float(limit), {}, 0};
   int inputs = 3 * kPoints;
   for (const auto& w : weights) {
     const int outputs = int(w.shape(0)), blocks = (outputs + kUnits - 1) / kUnits;
@@ -110,7 +110,7 @@ void stop_at(Out<float, 4> v, In<float, 4> x, In<float, 4> ends, In<float, 4> ve
 
 void bind_upscale(nb::module_& m) {
   nb::class_<PatchNet>(m, "PatchNet")
-      .def("__init__", &make_net, nb::arg("spacing"), nb::arg("weights"))
+      .def("__init__", &make_net, nb::arg("spacing"), nb::arg("limit"), nb::arg("weights"))
       .def("upscale", &upscale,
            "Writes coarse positions (B, 3, h, w) at half the spacing, bicubic and residual, to out.");
   m.def("push_out", &push_out,

@@ -23,6 +23,7 @@ struct DenseLayer {
 
 struct PatchNet {
   float spacing;  // m, of coarse vertices
+  float limit;    // of a residual, in spacings
   std::vector<DenseLayer> layers;
   int biases;  // of all layers, one after the other
 };

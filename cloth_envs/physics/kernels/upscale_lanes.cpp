@@ -68,7 +68,8 @@ void tangent_axes(const V3<float>* x, V3<float>* axes) {
   axes[0] = half * (u + v), axes[1] = half * (u - v), axes[2] = cross(axes[0], axes[1]);
 }
 
-// Residuals at the nodes of kWide patches that follow each other, in the planes out[node][axis].
+// Residuals at the nodes of kWide patches that follow each other, in the planes out[node][axis]; they are shortened,
+// to net.limit at most.
 void infer(const PatchNet& net, const float* patches, std::size_t each, int n, const float* bias, std::size_t area,
            float* out) {
   V3<float> x[kPoints], axes[3];
@@ -94,8 +95,11 @@ void infer(const PatchNet& net, const float* patches, std::size_t each, int n, c
     bias += layer.outputs;
   }
   const F* y = numbers[(last + 1) % 2];
+  const F tight = F{} + 1.0f / (net.limit * net.limit);
   for (int i = 0; i < kNodes; ++i, out += 3 * area) {
-    const V3<float> r = size * (y[i] * axes[0] + (y[kNodes + i] * axes[1] + y[2 * kNodes + i] * axes[2]));
+    const F a = y[i], b = y[kNodes + i], c = y[2 * kNodes + i];
+    const F scale = size * rsqrt(1.0f + tight * (a * a + (b * b + c * c)));
+    const V3<float> r = scale * (a * axes[0] + (b * axes[1] + c * axes[2]));
     store(out, r.x), store(out + area, r.y), store(out + 2 * area, r.z);
   }
 }
