@@ -54,6 +54,7 @@ def _recipes() -> dict[str, Recipe]:
         for layers, width in SHAPES:
             if (layers, width) != (plain.layers, plain.width):
                 made[f"fc-{low}-2-{layers}x{width}"] = replace(plain, layers=layers, width=width)
+        made[f"fc-{low}-2-real-4x128"] = replace(plain, inputs="real", width=128)
         made[f"fc-{low}-2-random"] = replace(plain, start="random")
         for factor in (2, 4):
             triangle = replace(plain, factor=factor, inputs="triangles", features="positions", steps=4000)

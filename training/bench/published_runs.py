@@ -27,7 +27,8 @@ PRESET = "lee2019"
 # Every upscaler here is scored in every table and drawn in every chart, where it has weights: one name a line more.
 UPSCALERS = ("bilinear", "biquadratic", "bicubic", "hdnn", "fc")
 UNSCALED = "hdnn unscaled"  # H-DNN-like as its paper has it: on a coarse cloth of the fine particles' mass
-OTHERS = ("real", "random")  # recipes beside those shipped: learnt from real miniatures, started at random
+# Recipes beside those shipped: learnt from real miniatures, and started at random.
+OTHERS = ("real", "real_4x128", "random")
 NUDGE = 1e-6  # m, standard deviation of how far a nudged teacher starts from the teacher
 HISTORY = 3
 
@@ -107,7 +108,9 @@ def upscalers(run: Run, factor: int, names: Sequence[str], extra: Path | None = 
     stem = f"fc_{run.scene.name.lower()}_{factor}"
     for kind in OTHERS:
         if extra and (extra / f"{stem}_{kind}.safetensors").is_file():
-            found[f"fc {kind}"] = FullyConnected(coarse, run.scene, factor, weights=load(f"{stem}_{kind}", extra))
+            found["fc " + kind.replace("_", " ")] = FullyConnected(
+                coarse, run.scene, factor, weights=load(f"{stem}_{kind}", extra)
+            )
     for each in found.values():
         each.set_materials([0], [run.scene.material])
     return found
