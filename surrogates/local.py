@@ -61,8 +61,9 @@ class Local:
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         """Materials outside the range of training count as its nearest end."""
         members = list(which)
-        if members == list(range(len(members))) and len(members) != len(self._bias):
-            self._bias = np.zeros((len(members), self._bias.shape[1]), np.float32)
+        more = max(members) + 1 - len(self._bias)
+        if more > 0:
+            self._bias = np.concatenate([self._bias, np.zeros((more, self._bias.shape[1]), np.float32)])
         self._bias[members] = self.biases(materials)
 
     def biases(self, materials: Sequence[Material]) -> np.ndarray:
@@ -80,7 +81,7 @@ class Local:
     def positions(self, history: Sequence[State]) -> np.ndarray:
         x = history[-1].positions
         out = np.empty((len(x), 3, *self._double), np.float32)
-        self._net.upscale(x, self._bias, out)
+        self._net.upscale(x, self._bias[: len(x)], out)
         return out if self._rest is None else self._rest(out)
 
     def seam(self, history: Sequence[State]) -> float:
@@ -90,7 +91,7 @@ class Local:
         numbers, turn = features(x, unit)
         begin = 0
         for k, weight in enumerate(self._weights):
-            numbers = numbers @ weight.T + self._bias[:, None, begin : begin + len(weight)]
+            numbers = numbers @ weight.T + self._bias[: len(x), None, begin : begin + len(weight)]
             begin += len(weight)
             if k + 1 < len(self._weights):
                 numbers = np.maximum(numbers, 0)
