@@ -35,7 +35,7 @@ class Local:
             ``(out, 2)``, ``material_low`` and ``material_high`` ``(2,)``.
 
     Raises:
-        ValueError: a tube, or a scene without weights (those that there are, are named).
+        ValueError: a tube, or a scene without weights; says how to train them.
     """
 
     frames = 1

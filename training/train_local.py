@@ -123,8 +123,6 @@ def fit_net(data: Pairs, factor: int, recipe: Recipe, kept: Path, label: str = "
 
 def centred(arrays: dict[str, np.ndarray], coarse: Scene) -> dict[str, np.ndarray]:
     """``fit_net`` reads features less the flat sheet's, the upscaler all of them: the bias makes up for it."""
-    if "bias0" not in arrays:
-        return arrays
     return arrays | {"bias0": (arrays["bias0"] - arrays["weight0"] @ flat_features(coarse.grid)).astype(np.float32)}
 
 
