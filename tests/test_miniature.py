@@ -177,3 +177,11 @@ def test_bad_arguments_name_the_remedy() -> None:
     for scaling in ("calibrated", "closure"):
         with pytest.raises(ValueError, match=rf"training\.calibrate --scaling {scaling}"):
             MiniatureBackend(nameless, scaling=scaling)
+
+
+def test_handles_are_not_placed_in_a_copy() -> None:
+    """A field that is not contiguous would be copied, and the copy changed."""
+    handles = Handles.of(Grid(5, 5, 1.0, 1.0), Grid(3, 3, 1.0, 1.0), (0,))
+    field = np.zeros((1, 5, 5, 3), np.float32).transpose(0, 3, 1, 2)
+    with pytest.raises(TypeError, match="incompatible"):
+        handles.place(field, np.ones((1, 1, 3)), np.array([0], np.int32))

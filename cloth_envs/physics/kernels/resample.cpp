@@ -86,7 +86,9 @@ nb::tuple follow(In<double, 3> positions, In<double, 3> velocities, In<int, 1> f
 
 void bind_resample(nb::module_& m) {
   m.def("follow", &follow, "Positions and velocities of coarse handles that follow fine ones.");
-  m.def("place", &place, "Puts handles where they are driven and shares what is missing with the vertices around.");
+  m.def("place", &place, nb::arg("field").noconvert(), nb::arg("driven"), nb::arg("handles"), nb::arg("near"),
+        nb::arg("guides"), nb::arg("pull"), nb::arg("rounding"),
+        "Puts handles where they are driven and shares what is missing with the vertices around.");
   nb::class_<Grids>(m, "Resample", "Writes (B, K, h, w) on another grid to out, by taps along rows and columns.")
       .def("__init__",
            [](Grids* self, int h, int w, Index row_index, Weight row_weight, Index col_index, Weight col_weight) {

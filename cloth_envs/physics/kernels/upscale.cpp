@@ -113,9 +113,12 @@ void bind_upscale(nb::module_& m) {
       .def("__init__", &make_net, nb::arg("spacing"), nb::arg("limit"), nb::arg("weights"))
       .def("upscale", &upscale,
            "Writes coarse positions (B, 3, h, w) at half the spacing, bicubic and residual, to out.");
-  m.def("push_out", &push_out,
+  m.def("push_out", &push_out, nb::arg("x").noconvert(), nb::arg("ends"), nb::arg("velocities"), nb::arg("radii"),
+        nb::arg("planes"), nb::arg("held"), nb::arg("pushed").noconvert(), nb::arg("depth").noconvert(),
         "Puts vertices that are in bodies on the surface; how many, and the deepest, by member.");
-  m.def("stop_at", &stop_at, "Takes from vertices at the surface of bodies the velocity into them.");
+  m.def("stop_at", &stop_at, nb::arg("v").noconvert(), nb::arg("x"), nb::arg("ends"), nb::arg("velocities"),
+        nb::arg("radii"), nb::arg("planes"), nb::arg("held"), nb::arg("reach"),
+        "Takes from vertices at the surface of bodies the velocity into them.");
 }
 
 }  // namespace minicloth
