@@ -193,7 +193,7 @@ def test_resampling(periodic: bool) -> None:
 def test_entries() -> None:
     usual = choose_entries("Flag")
     assert {e.resolution for e in usual} == {(33, 49)}
-    assert [e.label for e in usual][::3] == ["reference 33x49", "miniature 33x49 factor=4 calibrated"]
+    assert [e.label for e in usual][::3] == ["reference 33x49", "miniature 33x49 factor=4 closure local"]
     assert coarser((5, 5), 9) == (3, 3)
     chosen = choose_entries(
         "Flag", backends=["reference"], resolutions=["9x13"], entries=['reference@5x7:{"refine": 2}']

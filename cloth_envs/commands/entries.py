@@ -15,9 +15,9 @@ from cloth_envs.world import World
 # Compared by default: backends and their keywords, at the scene's resolution.
 USUAL: tuple[tuple[str, dict[str, Any]], ...] = (
     ("reference", {}),
-    ("reference", {"solver": "admm", "iterations": 10}),
-    ("miniature", {"factor": 2, "scaling": "calibrated"}),
-    ("miniature", {"factor": 4, "scaling": "calibrated"}),
+    ("cnn", {}),
+    ("miniature", {"factor": 2, "scaling": "closure", "upscaler": "local"}),
+    ("miniature", {"factor": 4, "scaling": "closure", "upscaler": "local"}),
 )
 # Same mesh and energy as the full resolution, a quarter of its step, in double precision.
 TRUTH_KWARGS = {"dtype": "float64", "refine": 4}
