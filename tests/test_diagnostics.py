@@ -25,7 +25,7 @@ from cloth_envs.state import Controls, State
 
 GRID = Grid(3, 3, 1.0, 1.0)  # masses: corners 1/16, sides 1/8, middle 1/4 of the sheet's
 SHEETS = [Material(0.2, 500.0, 150.0, 1e-3, 1e-3, 0.5), Material(0.4, 90.0, 10.0, 2e-3, 2e-3, 2.0)]
-RHO, Y, G, B, DAMPING, DRAG, _ = (
+RHO, Y, G, B, DAMPING, DRAG, *_ = (
     np.array(values) for values in zip(*(m.as_dict().values() for m in SHEETS), strict=True)
 )
 SCENE = Scene("desk", GRID, SHEETS[0], 0.1)
