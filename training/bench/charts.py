@@ -40,9 +40,9 @@ CURVES = {
     "miniature seed": Curve("miniature, seed scaling", "#CC79A7", "s"),
     "miniature similar": Curve("miniature, similar (coarse + bicubic)", "#E69F00", "^"),
     "miniature calibrated": Curve("miniature, calibrated", "#D55E00", "P"),
-    "calibrated ridge": Curve("calibrated, ridge upscaler", "#D55E00", "x", ":", True),
+    "calibrated ridge": Curve("calibrated, ridge upscaler", "#D55E00", "1", ":", True),
     "calibrated local": Curve("calibrated, local network", "#D55E00", "*", "--"),
-    "miniature closure": Curve("miniature, closure", "#000000", "X"),
+    "miniature closure": Curve("miniature, closure", "#000000", "p"),
     "closure local": Curve("closure, local network", "#000000", "*", "--"),
     "cnn": Curve("physics-embedded CNN, full grid", "#4B0082", "h"),
     "calibrated + offset": Curve("calibrated + constant offset", "#D55E00", "+", ":", True),
@@ -60,7 +60,7 @@ def _curve(axes: Any, curve: Curve, rows: Sequence[Summary], value: str) -> Any:
 
     x, y = [r.ms_median for r in rows], [getattr(r, value) for r in rows]
     look: dict[str, Any] = {"color": curve.color, "ls": curve.line, "lw": 0.8 if curve.small else 1.3}
-    edge = curve.color if curve.marker in "+12x" else "white"
+    edge = curve.color if curve.marker in "+12" else "white"
     dot: dict[str, Any] = {"marker": curve.marker, "ms": 4 if curve.small else 5.5, "mec": edge, "mew": 0.7}
     whole = [i for i, row in enumerate(rows) if not row.failure]  # the others are means of what survived
     axes.plot([x[i] for i in whole], [y[i] for i in whole], zorder=3, **look)
