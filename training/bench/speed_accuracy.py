@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from cloth_envs.machine import header
 from cloth_envs.registry import SCENES
-from training.bench import charts
+from training.bench import charts, speed_accuracy_speedup
 from training.bench.speed_accuracy_cost import COST_KEY, RUN_MS, RUNS, SLOW, TOO_SLOW, Cost, cost
 from training.bench.speed_accuracy_methods import FAMILIES, FLOOR, ORACLE, THREADED, Method, choose, label
 from training.bench.speed_accuracy_scores import (
@@ -167,7 +167,9 @@ def main(argv: list[str] | None = None) -> int:
         if out is None:
             raise ValueError("--chart-only needs --out, the folder that holds the rows")
         about = json.loads((out / "speed_accuracy.json").read_text())
-        draw(read_rows(out / "speed_accuracy.csv", Summary), given.images or out, about)
+        rows = read_rows(out / "speed_accuracy.csv", Summary)
+        draw(rows, given.images or out, about)
+        write_speedups(rows, out)
         return 0
     if out:
         out.mkdir(parents=True, exist_ok=True)
@@ -207,12 +209,21 @@ def main(argv: list[str] | None = None) -> int:
     rows = summaries(*(store.rows for store in stores))  # type: ignore[arg-type]
     print(table(rows))
     print(claims(rows))
+    print(speed_accuracy_speedup.table(speed_accuracy_speedup.speedups(rows)))
     if out:
         write_rows(out / "speed_accuracy.csv", rows)
         (out / "speed_accuracy.json").write_text(json.dumps(about, indent=2))
         draw(rows, given.images or out, about)
+        write_speedups(rows, out)
         print(f"rows in {out}")
     return 0
+
+
+def write_speedups(rows: Sequence[Summary], out: Path) -> None:
+    """Speed-ups at equal error, where ``rows`` have methods and baselines to compare."""
+    found = speed_accuracy_speedup.speedups(rows)
+    if found:
+        write_rows(out / "speed_accuracy_speedup.csv", found)
 
 
 def draw(rows: Sequence[Summary], folder: Path, about: dict[str, object]) -> None:
