@@ -14,12 +14,14 @@ from cloth_envs.naming import unknown_name
 
 # name -> "module:main(argv)", imported on use; `training` may import cloth_envs, never the other way but here.
 BENCHMARKS = {
+    "mesh": "training.bench.mesh:main",
     "peers": "training.bench.peers:main",
     "solvers": "training.bench.solvers:main",
     "speed-accuracy": "training.bench.speed_accuracy:main",
     "tables": "training.bench.tables:main",
     "stability": "training.bench.stability:main",
     "throughput": "training.bench.throughput:main",
+    "transfer": "training.bench.transfer:main",
 }
 TRAININGS = {
     "dynamics": "training.train_dynamics:main",

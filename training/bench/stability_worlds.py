@@ -56,7 +56,7 @@ def episode(base: Base, frames: int, policy: str = "smooth") -> Stage:
 
     Controls follow from handles, bodies, time and actions alone, so no cloth is computed for them.
     """
-    world = World(base.scene, resolution=coarser(load_task(base.scene).resolution, base.coarse))  # type: ignore[arg-type]
+    world = World(base.scene, resolution=coarser(load_task(base.scene).resolution, base.coarse))
     world.reset({0: np_random(base.seed)[0]})
     scene, start, now = world.scene, world.state.copy(), world.state.astype(np.float64)
     scripted = []

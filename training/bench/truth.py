@@ -31,11 +31,11 @@ REFINE = 4  # truth G1 takes a quarter of the stable step
 
 @dataclass(frozen=True)
 class Case:
-    """One episode of a scene under seeded smooth actions, on a grid ``coarse`` times coarser than the scene's own."""
+    """One episode of a scene under seeded smooth actions, on a grid ``coarse`` times coarser (1/2: finer)."""
 
     scene: str
     seed: int = 0
-    coarse: int = 1
+    coarse: float = 1
     refine: int = REFINE
 
     def world(self) -> World:

@@ -1,0 +1,157 @@
+"""``minicloth bench transfer``: the search finds optima, policies are scored fairly, rows say what was earned."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+import cloth_envs
+from cloth_envs.registry import SCENES
+from cloth_envs.world import World
+from training.bench import transfer
+from training.bench.transfer_policies import FORMS
+from training.bench.transfer_rows import RANDOM, REFERENCE, ZERO, Episode, Training, half_width, summaries, table
+from training.bench.transfer_search import FIRST_SEED, CmaEs, earn, train
+
+
+def small(members: int, scene: str = "Flag") -> World:
+    return World(scene, num_envs=members, resolution=(5, 7))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_search_finds_the_top_of_a_ridge(seed: int) -> None:
+    """Axes' curvatures from 1 to 1000: without learning their ratio, 200 generations of 9 stay far away."""
+    curvature = 10.0 ** np.linspace(0, 3, 6)
+    search = CmaEs(6, population=9, sigma=1.0, seed=seed)
+    for _ in range(200):
+        search.tell(-(curvature * (search.ask() - 1) ** 2).sum(1))
+    np.testing.assert_allclose(search.mean, 1, atol=1e-3)
+
+
+@pytest.mark.parametrize("scene", list(SCENES))
+def test_policies_act_within_bounds_and_nothing_weighs_nothing(scene: str) -> None:
+    world, form = World(scene, num_envs=3, resolution=(9, 9)), FORMS[scene]
+    world.reset({i: np.random.default_rng(i) for i in range(3)})
+    obs = world.observe()
+    assert not form.act(obs, np.zeros((3, form.size))).any()
+    weights = np.random.default_rng(0).normal(size=(3, form.size))
+    actions = form.act(obs, weights)
+    assert actions.shape == (3, len(world.task.actions))
+    assert np.isfinite(actions).all()
+    # Every weight counts somewhere: moving ones (a start at rest has features that are zero).
+    obs = obs + np.random.default_rng(1).normal(size=obs.shape)
+    actions = form.act(obs, weights)
+    for i in range(form.size):
+        changed = weights.copy()
+        changed[:, i] += 0.1
+        assert (form.act(obs, changed) != actions).any()
+    # Members do not see each other.
+    np.testing.assert_allclose(form.act(obs[1:2], weights[1:2]), actions[1:2], rtol=1e-6, atol=1e-7)
+
+
+def test_the_flag_s_policy_turns_with_the_world() -> None:
+    rng = np.random.default_rng(0)
+    obs, weights = rng.normal(size=(4, 128)), rng.normal(size=(4, FORMS["Flag"].size))
+    obs[:, -2:] /= np.linalg.norm(obs[:, -2:], axis=1, keepdims=True)
+    turned = obs.copy()
+    fields, seen = turned[:, :120].reshape(4, 2, 3, 20), obs[:, :120].reshape(4, 2, 3, 20)
+    fields[:, :, 0], fields[:, :, 1] = -seen[:, :, 1], seen[:, :, 0]  # a quarter turn; x, y -> -y, x
+    turned[:, 120::2], turned[:, 121::2] = -obs[:, 121::2], obs[:, 120::2]
+    before, after = (FORMS["Flag"].act(o, weights) for o in (obs, turned))
+    np.testing.assert_allclose(after, np.stack([-before[:, 1], before[:, 0]], 1), rtol=1e-9, atol=1e-12)
+
+
+def test_earnings_are_those_of_the_environment() -> None:
+    found, failed = earn(small(2), lambda obs: np.full((2, 2), 0.5), [3, 5], 6)
+    env = gym.make(cloth_envs.env_id("Flag"), resolution=(5, 7))
+    for seed, value in zip((3, 5), found, strict=True):
+        env.reset(seed=seed)
+        assert value == pytest.approx(np.mean([float(env.step(np.full(2, 0.5))[1]) for _ in range(6)]), rel=1e-12)
+    env.close()
+    assert not failed.any()
+
+
+def test_a_failed_episode_earns_nothing_more() -> None:
+    class Breaking:
+        frame = 0
+
+        def reset(self, rngs: Any) -> None:
+            self.frame = 0
+
+        def observe(self) -> np.ndarray:
+            return np.zeros((2, 1))
+
+        def step(self, actions: np.ndarray) -> tuple[np.ndarray, list[str | None]]:
+            self.frame += 1
+            return np.ones(2), ["overstretch" if self.frame == 3 else None, None]
+
+    found, failed = earn(Breaking(), lambda obs: obs, [0, 1], 8)  # type: ignore[arg-type]
+    assert found.tolist() == [2 / 8, 1]
+    assert failed.tolist() == [True, False]
+
+
+def test_training_is_repeatable_and_plays_no_held_out_seed(monkeypatch: pytest.MonkeyPatch) -> None:
+    played: list[int] = []
+
+    def watched(world: World, act: Any, seeds: Any, frames: int) -> Any:
+        played.extend(seeds)
+        return earn(world, act, seeds, frames)
+
+    monkeypatch.setattr("training.bench.transfer_search.earn", watched)
+    options = {"frames": 3, "generations": 2, "population": 4, "seed": 1}
+    runs = [train(small(8), FORMS["Flag"], **options) for _ in range(2)]
+    np.testing.assert_array_equal(*runs)
+    assert np.abs(runs[0]).max() > 0
+    # Two seeds a generation, the same for its four candidates.
+    assert played[:16] == [2 * FIRST_SEED, 2 * FIRST_SEED + 1] * 4 + [2 * FIRST_SEED + 2, 2 * FIRST_SEED + 3] * 4
+    assert min(played) > max(transfer.HELD_OUT)
+
+
+def test_intervals() -> None:
+    """With one kind of variation it is Student's; two independent ones of equal size add up."""
+    x = np.array([1.0, 2.0, 4.0, 7.0])
+    alone = student.ppf(0.975, 3) * x.std(ddof=1) / 2
+    assert half_width(x) == pytest.approx(alone)
+    assert half_width(x, np.array([5.0])) == pytest.approx(alone)  # one training tells no spread
+    assert half_width(x, x) == pytest.approx(student.ppf(0.975, 6) * x.std(ddof=1) / 2 * np.sqrt(2))
+    assert half_width(np.ones(3)) == 0
+
+
+def test_a_policy_that_exploits_its_surrogate_is_shown() -> None:
+    def rows(policy: str, on: str, reward: float) -> list[Episode]:
+        return [Episode("Flag", 5, 7, policy, k, on, s, reward, 0) for k in range(2) for s in range(3)]
+
+    episodes = rows(ZERO, REFERENCE, 0.1) + rows(REFERENCE, REFERENCE, 0.6)
+    episodes += rows("similar x4", REFERENCE, 0.2) + rows("similar x4", "similar x4", 0.9)
+    trainings = [Training("Flag", 5, 7, "similar x4", k, 160, 50, 1.0 + k, 2.0 + k, "1 2") for k in range(2)]
+    found = {row.policy: row for row in summaries(trainings, episodes)}
+    bad = found["similar x4"]
+    assert (bad.reference, bad.own, bad.trainings, bad.processor_s) == (0.2, 0.9, 2, 2.5)
+    assert bad.flattery == pytest.approx(0.7)
+    assert bad.gap == pytest.approx((0.2 - 0.6) / (0.6 - 0.1))
+    assert (found[REFERENCE].gap, found[ZERO].gap) == (0, -1)
+    assert "+0.700" in table(list(found.values()))
+
+
+def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    few = {name: transfer.BACKENDS[name] for name in (REFERENCE, "closure local x4")}
+    monkeypatch.setattr(transfer, "BACKENDS", few)
+    argv = ["--quick", "--out", str(tmp_path)]
+    assert transfer.main(argv) == 0
+    assert "quick" in capsys.readouterr().out
+    with (tmp_path / "transfer.csv").open(newline="") as file:
+        assert [row["policy"] for row in csv.DictReader(file)] == [ZERO, RANDOM, *few]
+    tables = {path.name: path.read_text() for path in tmp_path.glob("*.csv")}
+    assert transfer.main(argv) == 0  # nothing is measured twice
+    assert {path.name: path.read_text() for path in tmp_path.glob("*.csv")} == tables
+    assert transfer.main(["--chart-only", "--out", str(tmp_path), "--images", str(tmp_path / "images")]) == 0
+    assert ElementTree.parse(tmp_path / "images" / "transfer.svg").getroot().tag.endswith("svg")
+    with pytest.raises(ValueError, match="--out"):
+        transfer.main(["--chart-only"])
