@@ -116,13 +116,12 @@ def measure(
     *,
     coarse: int = 1,
     generations: int = GENERATIONS,
-    repetitions: int = REPETITIONS,
     seeds: Sequence[int] = HELD_OUT,
 ) -> None:
     """Train and score what the stores lack of one scene."""
     shape, frames = coarser(load_task(scene).resolution, coarse), round(DURATION / load_task(scene).frame_dt)
     where = scene, *shape
-    jobs = [(name, k) for k in range(repetitions) for name in BACKENDS]  # in turn: a busy moment hits all alike
+    jobs = [(name, k) for k in range(REPETITIONS) for name in BACKENDS]  # in turn: a busy moment hits all alike
     for name, k in tqdm(jobs, f"{scene}, training", disable=None):
         if (*where, name, k) not in trainings:
             trainings.add(trained(scene, name, k, coarse=coarse, generations=generations))
@@ -167,20 +166,24 @@ def main(argv: list[str] | None = None) -> int:
     path = [out / name if out else None for name in ("transfer_trainings.csv", "transfer_episodes.csv")]
     trainings = Store(path[0], Training, TRAINING_KEY, fresh=given.fresh)
     episodes = Store(path[1], Episode, EPISODE_KEY, fresh=given.fresh)
-    sizes = {"coarse": 4, "generations": 3, "seeds": HELD_OUT[:4]} if quick else {}
+    coarse, generations, seeds = (4, 3, HELD_OUT[:4]) if quick else (1, GENERATIONS, HELD_OUT)
     about = {
         **header(),
         "quick": quick,
         "threads": 1,
         "episode_s": DURATION,
         "population": POPULATION,
-        "repetitions": sizes.get("repetitions", REPETITIONS),
-        "held_out": list(sizes.get("seeds", HELD_OUT)),  # type: ignore[call-overload]
+        "repetitions": REPETITIONS,
+        "held_out": list(seeds),
     }
     print(f"{about['processor']}, one thread{', quick: a coarse grid, one scene, few generations' if quick else ''}")
     for scene in scenes[:1] if quick else scenes:
-        measure(scene, trainings, episodes, **sizes)  # type: ignore[arg-type]
-    rows = summaries(trainings.rows, episodes.rows)
+        measure(scene, trainings, episodes, coarse=coarse, generations=generations, seeds=seeds)
+    here = {(scene, *coarser(load_task(scene).resolution, coarse)) for scene in SCENES}
+    rows = summaries(
+        [t for t in trainings.rows if (t.scene, t.rows, t.cols) in here],
+        [e for e in episodes.rows if (e.scene, e.rows, e.cols) in here],
+    )
     print(table(rows))
     if out:
         write_rows(out / "transfer.csv", rows)

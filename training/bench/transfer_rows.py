@@ -90,16 +90,19 @@ def half_width(seeds: np.ndarray, *trainings: np.ndarray) -> float:
 
 
 def summaries(trainings: Sequence[Training], episodes: Sequence[Episode]) -> list[Summary]:
-    """One row for each scene and policy; the policy trained on the reference must be among them."""
+    """One row for each scene and policy of one resolution; what a stopped run left unfinished is passed over."""
     rewards: dict[tuple[str, str, str], dict[tuple[int, int], float]] = {}
     for e in episodes:
         rewards.setdefault((e.scene, e.policy, e.scored_on), {})[e.repetition, e.seed] = e.reward
     scores = {}
     for key, found in rewards.items():
         rows, cols = (sorted({k[i] for k in found}) for i in (0, 1))
-        scores[key] = np.array([[found[row, col] for col in cols] for row in rows])  # (R, S)
+        if len(found) == len(rows) * len(cols):
+            scores[key] = np.array([[found[row, col] for col in cols] for row in rows])  # (R, S)
     out = []
     for scene, policy in dict.fromkeys((e.scene, e.policy) for e in episodes):
+        if not {(scene, p, REFERENCE) for p in (policy, ZERO, REFERENCE)} <= scores.keys():
+            continue
         there = scores[scene, policy, REFERENCE]
         own = scores.get((scene, policy, policy), there)
         best, nothing = scores[scene, REFERENCE, REFERENCE], scores[scene, ZERO, REFERENCE]
