@@ -127,12 +127,12 @@ def measure(windows: Windows, methods: Sequence[Method] = METHODS, horizons: Seq
 def table(rows: Sequence[Row]) -> str:
     """Errors in % of the length, one line a method."""
     horizons = sorted({r.frames for r in rows})
-    heads = "".join(f"{f'{h} fr.':>22s}" for h in horizons)
+    heads = "".join(f"{f'{h} fr.':>25s}" for h in horizons)
     lines = [f"Error against twice the mesh [% of length], mean (range over seeds)\n{'':38s}{heads}"]
     at = {(r.scene, r.family, r.options, r.frames): r for r in rows}
     for scene, family, options in dict.fromkeys(key[:3] for key in at):
         found = [at[scene, family, options, h] for h in horizons]
-        cells = "".join(f"{f'{r.error:.3g} ({r.error_low:.2g}-{r.error_high:.2g})':>22s}" for r in found)
+        cells = "".join(f"{f'{r.error:.3g} ({r.error_low:.2g}-{r.error_high:.2g})':>25s}" for r in found)
         name = "reference's mesh" if family == "explicit" else label(family, options)
         lines.append(f"{scene:10s}{name:28s}{cells}  {found[-1].failure}".rstrip())
     return "\n".join(lines)
