@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -194,9 +194,7 @@ class TorchNet(ParticleSolver):
 
 
 class TorchSheet(CellSheet):
-    """``CellSheet`` in torch: on GPUs, and with forces plugged in; its springs do not yield under compression."""
-
-    yields: ClassVar[bool] = False
+    """``CellSheet`` in torch: on GPUs, and with forces plugged in."""
 
     def __init__(
         self,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from _minicloth_kernels import push_out, stop_at
+from _minicloth_kernels import Bodies
 
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
@@ -24,22 +24,18 @@ class Projection:
 
     def __init__(self, scene: Scene) -> None:
         thickness = scene.thickness if scene.particles is None else 0.0
-        self._radii = np.array([body.radius + thickness for body in scene.colliders], np.float32)
-        self._planes = [body.kind == "plane" for body in scene.colliders]
-        self._held = np.array(scene.handles, np.int32)
+        radii, planes = [b.radius + thickness for b in scene.colliders], [b.kind == "plane" for b in scene.colliders]
+        self._bodies = Bodies(radii, planes, list(scene.handles)) if radii else None
         self.pushed, self.depth = np.zeros(0, np.int32), np.zeros(0, np.float32)
 
     def positions(self, fine: np.ndarray, state: State) -> None:
         """Change ``fine`` ``(B, 3, H, W)`` float32 in place by the bodies of ``state``."""
         if len(self.pushed) != len(fine):
             self.pushed, self.depth = np.zeros(len(fine), np.int32), np.zeros(len(fine), np.float32)
-        if self._planes:
-            push_out(fine, *self._bodies(state), self._held, self.pushed, self.depth)
+        if self._bodies:
+            self._bodies.push_out(fine, state.colliders, state.collider_velocities, self.pushed, self.depth)
 
     def velocities(self, fine: np.ndarray, positions: np.ndarray, state: State) -> None:
         """Change velocities of the cloth at ``positions``, which are projected already."""
-        if self._planes:
-            stop_at(fine, positions, *self._bodies(state), self._held, REACH)
-
-    def _bodies(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[bool]]:
-        return state.colliders, state.collider_velocities, self._radii, self._planes
+        if self._bodies:
+            self._bodies.stop_at(fine, positions, state.colliders, state.collider_velocities, REACH)

@@ -34,6 +34,10 @@ class Sheets(NamedTuple):
     bend_stiffness: Tensor
     damping: Tensor
     drag: Tensor
+    compression: Tensor
+    buckling_strain: Tensor
+    post_buckling: Tensor
+    compression_damping: Tensor
 
     @classmethod
     def of(cls, scene: Scene, materials: Sequence[Material], like: Tensor) -> Sheets:
@@ -56,7 +60,9 @@ class SheetCell(nn.Module):
     """Forces of stretch, shear, damping and bending, and the weight, times ``numbers`` ``(17,)`` (of ``CLASSES``).
 
     On an edge ``f = k alpha d - k L beta n + c k gamma (w . n) n``, with ``n = d / |d|``; all numbers are 1 (the
-    sideways biases 0) on the reference. Materials come with the call, so weights belong to none.
+    sideways biases 0) on the reference. Where the material yields, a shortened edge has less of the first two and more
+    of the last (``reference.spring_forces``): with the factors of ``scaling="closure"`` it is the cell of a coarse
+    sheet. Materials come with the call, so weights belong to none.
 
     Args:
         scene: for its grid and gravity.
@@ -98,9 +104,14 @@ class SheetCell(nn.Module):
             alpha, beta, gamma = self.numbers[k], self.numbers[4 + k], self.numbers[8 + k]
             d, w = (_cut(a, *second, size) - _cut(a, *first, size) for a in (x, v))
             inverse = torch.rsqrt((d * d).sum(1, keepdim=True) + TINY)
-            rate = sheets.damping * gamma * (w * d).sum(1, keepdim=True) * inverse * inverse
-            stiffness = getattr(sheets, edge.modulus) * getattr(self, f"share{k}")
-            force = stiffness * (alpha - edge.rest * beta * inverse + rate) * d
+            ratio = edge.rest * beta * inverse
+            strain = alpha - ratio
+            short = strain.clamp_max(0)
+            before = torch.maximum(short, -sheets.buckling_strain * ratio)
+            pull = strain.clamp_min(0) + sheets.compression * (before + sheets.post_buckling * (short - before))
+            damping = sheets.damping * gamma * torch.where(strain < 0, sheets.compression_damping, 1)
+            rate = damping * (w * d).sum(1, keepdim=True) * inverse * inverse
+            force = getattr(sheets, edge.modulus) * getattr(self, f"share{k}") * (pull + rate) * d
             total = total + _shift(force, *first, self.shape) - _shift(force, *second, self.shape)
         for k, (_, (size, (down, right))) in enumerate(self.bends):
             before, middle, after = (_cut(x, n * down, n * right, size) for n in range(3))

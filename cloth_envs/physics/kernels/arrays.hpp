@@ -1,29 +1,92 @@
-// NumPy arrays as arguments of the compiled solvers.
+// NumPy arrays as arguments of the compiled solvers and as what they return, through NumPy's own C interface: a frame
+// passes dozens of them, and the protocols for any library's arrays take half a microsecond each.
 #pragma once
 #include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
+#define PY_ARRAY_UNIQUE_SYMBOL minicloth_numpy
+#ifndef MINICLOTH_IMPORTS_NUMPY  // one file does, with import_array
+#define NO_IMPORT_ARRAY
+#endif
+#define NPY_NO_DEPRECATED_API NPY_1_22_API_VERSION
+#include <numpy/arrayobject.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <initializer_list>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 
 namespace minicloth {
 
-template <class T, int kDims>
-using In = nanobind::ndarray<const T, nanobind::ndim<kDims>, nanobind::c_contig, nanobind::device::cpu>;
-template <class T, int kDims>
-using Out = nanobind::ndarray<T, nanobind::ndim<kDims>, nanobind::c_contig, nanobind::device::cpu>;
+template <class T>
+constexpr int kNumber = std::is_same_v<T, float>    ? NPY_FLOAT
+                        : std::is_same_v<T, double> ? NPY_DOUBLE
+                                                    : NPY_INT;
 
-using Array = nanobind::ndarray<nanobind::numpy, double>;
+// An array of somebody else, who keeps it alive meanwhile.
+template <class T, int kDims, bool kContiguous = true>
+class View {
+ public:
+  static constexpr bool kWritten = !std::is_const_v<T>;
+  static constexpr int kNeeds = NPY_ARRAY_ALIGNED | NPY_ARRAY_NOTSWAPPED | (kContiguous ? NPY_ARRAY_C_CONTIGUOUS : 0) |
+                                (kWritten ? NPY_ARRAY_WRITEABLE : 0);
+
+  View() = default;
+  explicit View(PyArrayObject* array) : data_(static_cast<T*>(PyArray_DATA(array))) {
+    std::copy_n(PyArray_DIMS(array), kDims, shape_);
+    for (int k = 0; k < kDims; ++k) strides_[k] = PyArray_STRIDE(array, k) / npy_intp(sizeof(T));
+  }
+  static bool fits(PyObject* object) {
+    auto* array = reinterpret_cast<PyArrayObject*>(object);
+    return PyArray_Check(object) && PyArray_NDIM(array) == kDims &&
+           PyArray_EquivTypenums(PyArray_TYPE(array), kNumber<std::remove_const_t<T>>) &&
+           PyArray_CHKFLAGS(array, kNeeds & ~NPY_ARRAY_NOTSWAPPED) && PyArray_ISNOTSWAPPED(array);
+  }
+
+  T* data() const { return data_; }
+  std::size_t shape(int k) const { return std::size_t(shape_[k]); }
+  std::size_t size() const {
+    std::size_t all = 1;
+    for (npy_intp n : shape_) all *= std::size_t(n);
+    return all;
+  }
+  template <class... I>
+  T& operator()(I... index) const {
+    static_assert(sizeof...(index) == kDims);
+    npy_intp at = 0, k = 0;
+    ((at += npy_intp(index) * strides_[k++]), ...);
+    return data_[at];
+  }
+
+ private:
+  T* data_ = nullptr;
+  npy_intp shape_[kDims] = {}, strides_[kDims] = {};
+};
+
+// To read, converted to T and C order if need be; to write, never converted; to read with any strides.
+template <class T, int kDims>
+using In = View<const T, kDims>;
+template <class T, int kDims>
+using Out = View<T, kDims>;
+template <class T, int kDims>
+using Strided = View<const T, kDims, false>;
+
+// A new array, to return.
+template <class T>
+struct Fresh {
+  nanobind::object array;
+  T* data() const { return static_cast<T*>(PyArray_DATA(reinterpret_cast<PyArrayObject*>(array.ptr()))); }
+};
+using Array = Fresh<double>;
 
 // An array of zeros.
-inline Array fresh(std::initializer_list<std::size_t> shape) {
-  std::size_t size = 1;
-  for (std::size_t n : shape) size *= n;
-  auto* data = new double[size]();
-  nanobind::capsule owner(data, [](void* p) noexcept { delete[] static_cast<double*>(p); });
-  return Array(data, shape, owner);
+template <class T = double>
+Fresh<T> fresh(std::initializer_list<std::size_t> shape) {
+  npy_intp sizes[NPY_MAXDIMS_LEGACY_ITERS];
+  std::copy(shape.begin(), shape.end(), sizes);
+  PyObject* array = PyArray_ZEROS(int(shape.size()), sizes, kNumber<T>, 0);
+  if (!array) nanobind::raise_python_error();
+  return {nanobind::steal(array)};
 }
 
 inline void need(bool good, const char* what) {
@@ -32,10 +95,41 @@ inline void need(bool good, const char* what) {
 
 template <class A>
 bool shaped(const A& a, std::initializer_list<std::size_t> shape) {
-  std::size_t k = 0;
+  int k = 0;
   for (std::size_t n : shape)
     if (a.shape(k++) != n) return false;
   return true;
 }
 
 }  // namespace minicloth
+
+namespace nanobind::detail {
+
+template <class T, int kDims, bool kContiguous>
+struct type_caster<minicloth::View<T, kDims, kContiguous>> {
+  using Viewed = minicloth::View<T, kDims, kContiguous>;
+  NB_TYPE_CASTER(Viewed, const_name("numpy.ndarray"))
+
+  bool from_python(handle source, std::uint8_t flags, cleanup_list* cleanup) noexcept {
+    PyObject* array = source.ptr();
+    if (!Viewed::fits(array)) {
+      if (Viewed::kWritten || !cleanup || !(flags & std::uint8_t(cast_flags::convert))) return false;
+      constexpr int type = minicloth::kNumber<std::remove_const_t<T>>;
+      array = PyArray_FROMANY(array, type, kDims, kDims, Viewed::kNeeds | NPY_ARRAY_FORCECAST);
+      if (!array) return PyErr_Clear(), false;
+      cleanup->append(array);
+    }
+    value = Viewed(reinterpret_cast<PyArrayObject*>(array));
+    return true;
+  }
+};
+
+template <class T>
+struct type_caster<minicloth::Fresh<T>> {
+  using Made = minicloth::Fresh<T>;
+  NB_TYPE_CASTER(Made, const_name("numpy.ndarray"))
+  bool from_python(handle, std::uint8_t, cleanup_list*) noexcept { return false; }
+  static handle from_cpp(const Made& made, rv_policy, cleanup_list*) noexcept { return made.array.inc_ref(); }
+};
+
+}  // namespace nanobind::detail

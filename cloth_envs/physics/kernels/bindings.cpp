@@ -1,4 +1,5 @@
 // The Python module _minicloth_kernels.
+#define MINICLOTH_IMPORTS_NUMPY
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
@@ -122,6 +123,7 @@ void bind_state(nb::module_& m) {
 }  // namespace
 
 NB_MODULE(_minicloth_kernels, m) {
+  if (_import_array() < 0) nb::raise_python_error();
   m.doc() = "Compiled loops of MiniCloth.";
   bind_solver<float>(m, "Explicit32");
   bind_solver<double>(m, "Explicit64");

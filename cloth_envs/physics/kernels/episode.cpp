@@ -14,11 +14,11 @@ namespace minicloth {
 namespace {
 
 template <class T>
-using Cloth = nb::ndarray<const T, nb::ndim<4>, nb::c_contig, nb::device::cpu>;
-using Vertices = nb::ndarray<const int, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using Row = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Cloth = In<T, 4>;
+using Vertices = In<int, 1>;
+using Row = In<double, 1>;
 template <class T>
-using Pairs = nb::ndarray<const T, nb::ndim<2>, nb::device::cpu>;
+using Pairs = Strided<T, 2>;
 
 template <class T>
 Array take_points(Cloth<T> x, Vertices vertices) {
@@ -61,7 +61,7 @@ Array root_mean_square(Cloth<T> x, Vertices vertices, std::size_t first, std::si
 
 // A Gaussian of the error that is 0.1 at the margin, squeezed to what lies above `least`.
 template <class T>
-Array tolerance(nb::ndarray<const T, nb::ndim<1>, nb::device::cpu> error, double margin, double least) {
+Array tolerance(Strided<T, 1> error, double margin, double least) {
   Array out = fresh({error.shape(0)});
   for (std::size_t b = 0; b < error.shape(0); ++b) {
     const double e = double(error(b)) / margin;
@@ -70,8 +70,8 @@ Array tolerance(nb::ndarray<const T, nb::ndim<1>, nb::device::cpu> error, double
   return out;
 }
 
-using Tones = nb::ndarray<const double, nb::ndim<4>, nb::c_contig, nb::device::cpu>;
-using Numbers = nb::ndarray<const double, nb::ndim<1>, nb::device::cpu>;
+using Tones = In<double, 4>;
+using Numbers = Strided<double, 1>;
 
 // The mean of the sines of signal s of cloth b at a time.
 double blow(const Tones& tones, std::size_t b, std::size_t s, double time) {
@@ -135,7 +135,8 @@ Array mean_span(Cloth<T> x, Vertices first, Vertices second) {
 }
 
 // Moves the handles (B, N, 3) of Controls: axis k of handle i takes share (i, k) of moved and reached (B, n).
-void carry(Array handles, Array velocities, Pairs<double> moved, Pairs<double> reached, Pairs<double> share) {
+void carry(Out<double, 3> handles, Out<double, 3> velocities, Pairs<double> moved, Pairs<double> reached,
+           Pairs<double> share) {
   const std::size_t batch = moved.shape(0), n = moved.shape(1), count = share.shape(0);
   if (handles.size() != batch * count * 3 || share.shape(1) != n || n > 3)
     throw nb::value_error("share must be (N, n), moved (B, n) with n as driven");
@@ -190,7 +191,7 @@ template <class T>
 nb::tuple hold(Cloth<T> x, Vertices handles, Cloth<T> colliders) {
   const std::size_t batch = x.shape(0), bodies = colliders.shape(1);
   Array at = fresh({batch, bodies, 2, 3});
-  std::copy_n(colliders.data(), at.size(), at.data());
+  std::copy_n(colliders.data(), colliders.size(), at.data());
   return nb::make_tuple(take_points(x, handles), fresh({batch, handles.shape(0), 3}), at, fresh({batch, bodies, 2, 3}),
                         fresh({batch, 3}), fresh({batch}));
 }
@@ -230,36 +231,35 @@ nb::object clip_actions(Pairs<double> actions) {
 }
 
 // Numbers (B,) or (B, n) side by side, float32.
-nb::ndarray<nb::numpy, float> columns(nb::args parts) {
-  const auto width = [](const auto& a) { return a.ndim() == 1 ? 1 : a.shape(1); };
-  std::vector<nb::ndarray<nb::ro, nb::device::cpu>> given;
+Fresh<float> columns(nb::args parts) {
+  const auto array = [](nb::handle part) { return reinterpret_cast<PyArrayObject*>(part.ptr()); };
   std::size_t n = 0, batch = 0;
   for (nb::handle part : parts) {
-    given.push_back(nb::cast<nb::ndarray<nb::ro, nb::device::cpu>>(part));
-    const auto& a = given.back();
-    if (a.ndim() < 1 || a.ndim() > 2 || (given.size() > 1 && a.shape(0) != batch))
-      throw nb::value_error("every part must be (B,) or (B, n)");
-    if (a.dtype() != nb::dtype<float>() && a.dtype() != nb::dtype<double>())
-      throw nb::type_error("every part must be float32 or float64");
-    batch = a.shape(0), n += width(a);
+    if (!Strided<float, 1>::fits(part.ptr()) && !Strided<double, 1>::fits(part.ptr()) &&
+        !Strided<float, 2>::fits(part.ptr()) && !Strided<double, 2>::fits(part.ptr()))
+      throw nb::type_error("every part must be float32 or float64, (B,) or (B, n)");
+    const auto* a = array(part);
+    if (n > 0 && std::size_t(PyArray_DIM(a, 0)) != batch) throw nb::value_error("parts must be of one batch");
+    batch = PyArray_DIM(a, 0), n += PyArray_NDIM(a) == 1 ? 1 : PyArray_DIM(a, 1);
   }
-  auto* data = new float[batch * n];
-  nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<float*>(p); });
-  std::size_t at = 0;
-  for (const auto& a : given) {
-    const auto copy = [&](const auto* from) {
-      for (std::size_t b = 0; b < batch; ++b)
-        for (std::size_t k = 0; k < width(a); ++k)
-          data[b * n + at + k] =
-              float(from[std::int64_t(b) * a.stride(0) + (a.ndim() == 1 ? 0 : std::int64_t(k) * a.stride(1))]);
-    };
-    if (a.dtype() == nb::dtype<float>())
-      copy(static_cast<const float*>(a.data()));
+  const Fresh<float> out = fresh<float>({batch, n});
+  float* to = out.data();
+  const auto copy = [&](PyArrayObject* a, const auto* from) {
+    const bool wide = PyArray_NDIM(a) == 2;
+    const npy_intp row = PyArray_STRIDE(a, 0) / npy_intp(sizeof *from), width = wide ? PyArray_DIM(a, 1) : 1;
+    const npy_intp step = wide ? PyArray_STRIDE(a, 1) / npy_intp(sizeof *from) : 0;
+    for (npy_intp b = 0; b < npy_intp(batch); ++b)
+      for (npy_intp k = 0; k < width; ++k) to[b * npy_intp(n) + k] = float(from[b * row + k * step]);
+    to += width;
+  };
+  for (nb::handle part : parts) {
+    auto* a = array(part);
+    if (PyArray_TYPE(a) == NPY_FLOAT)
+      copy(a, static_cast<const float*>(PyArray_DATA(a)));
     else
-      copy(static_cast<const double*>(a.data()));
-    at += width(a);
+      copy(a, static_cast<const double*>(PyArray_DATA(a)));
   }
-  return nb::ndarray<nb::numpy, float>(data, {batch, n}, owner);
+  return out;
 }
 
 template <class T>

@@ -1,9 +1,11 @@
 // Interpolation of fields on a grid to another one, along columns and then along rows.
 #include "resample.hpp"
 
+#include <algorithm>
 #include <cmath>
 
 #include "arrays.hpp"
+#include "geometry.hpp"
 
 namespace nb = nanobind;
 
@@ -18,10 +20,13 @@ Taps taps(const Index& index, const Weight& weight, int old) {
   need(index.shape(0) >= 1 && index.shape(0) <= kTaps, "1 to 4 taps");
   need(shaped(weight, {index.shape(0), index.shape(1)}), "one weight for every index");
   for (std::size_t i = 0; i < index.size(); ++i) need(index.data()[i] >= 0 && index.data()[i] < old, "no such sample");
-  return {int(index.shape(0)),
-          count,
-          {index.data(), index.data() + index.size()},
-          {weight.data(), weight.data() + weight.size()}};
+  Taps all = {int(index.shape(0)), count, (count + kBlock - 1) / kBlock * kBlock, {}, {}};
+  for (int t = 0; t < all.taps; ++t)
+    for (int c = 0; c < all.stride; ++c) {
+      const int from = t * count + std::min(c, count - 1);
+      all.index.push_back(index.data()[from]), all.weight.push_back(weight.data()[from]);
+    }
+  return all;
 }
 
 // out = R field C^T for planes of (B, K, h, w): every new row or column is a weighted sum of some old ones.
@@ -86,8 +91,8 @@ nb::tuple follow(In<double, 3> positions, In<double, 3> velocities, In<int, 1> f
 
 void bind_resample(nb::module_& m) {
   m.def("follow", &follow, "Positions and velocities of coarse handles that follow fine ones.");
-  m.def("place", &place, nb::arg("field").noconvert(), nb::arg("driven"), nb::arg("handles"), nb::arg("near"),
-        nb::arg("guides"), nb::arg("pull"), nb::arg("rounding"),
+  m.def("place", &place, nb::arg("field"), nb::arg("driven"), nb::arg("handles"), nb::arg("near"), nb::arg("guides"),
+        nb::arg("pull"), nb::arg("rounding"),
         "Puts handles where they are driven and shares what is missing with the vertices around.");
   nb::class_<Grids>(m, "Resample", "Writes (B, K, h, w) on another grid to out, by taps along rows and columns.")
       .def("__init__",

@@ -10,9 +10,10 @@ namespace minicloth {
 
 constexpr int kTaps = 4;
 
-// Every one of `count` new samples is a sum of old ones: tap t of c is number index[t * count + c], weight alike.
+// Every one of `count` new samples is a sum of old ones: tap t of c is number index[t * stride + c], weight alike. Up
+// to whole blocks, the last sample is there again.
 struct Taps {
-  int taps, count;
+  int taps, count, stride;
   std::vector<int> index;
   std::vector<float> weight;
 };

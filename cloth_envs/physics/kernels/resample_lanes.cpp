@@ -1,5 +1,6 @@
 // Compiled once per instruction set; LANES names the namespace.
 #include <algorithm>
+#include <cstring>
 #include <vector>
 
 #include "geometry.hpp"
@@ -11,39 +12,23 @@ namespace LANES {
 namespace {
 
 using F = V<float>;
-using I = decltype(F{} < F{});
 constexpr int kWide = kLanes<float>;
-
-// Lanes of (a, b), picked by number.
-inline F pick(const F& a, const F& b, const I& number) {
-#if defined(__clang__)
-  F r;
-  for (int k = 0; k < kWide; ++k) r[k] = number[k] < kWide ? a[number[k]] : b[number[k] - kWide];
-  return r;
-#else
-  return __builtin_shuffle(a, b, number);
-#endif
-}
 
 // Lines of w old samples to lines of cols.count new ones, `width` apart: a vector of new samples at a time, whose old
 // samples mostly lie in two vectors from the first of them on. `line` holds w samples and two vectors more, for lines
 // so near the end that the vectors reach beyond it.
 void along(const float* in, int lines, int w, const Taps& cols, float* line, float* wide, int width) {
   for (int c = 0; c < cols.count; c += kWide) {
-    const int some = std::min(kWide, cols.count - c);
-    int first = w, last = 0;
-    for (int t = 0; t < cols.taps; ++t)
-      for (int k = 0; k < some; ++k) {
-        const int old = cols.index[t * cols.count + c + k];
-        first = std::min(first, old), last = std::max(last, old);
-      }
-    I number[kTaps] = {};
+    Places number[kTaps] = {}, low = Places{} + w, high = {};
     F weight[kTaps] = {};
-    for (int t = 0; t < cols.taps; ++t)
-      for (int k = 0; k < some; ++k) {
-        number[t][k] = cols.index[t * cols.count + c + k] - first;
-        weight[t][k] = cols.weight[t * cols.count + c + k];
-      }
+    for (int t = 0; t < cols.taps; ++t) {
+      std::memcpy(&number[t], cols.index.data() + t * cols.stride + c, sizeof number[t]);
+      weight[t] = load(cols.weight.data() + t * cols.stride + c);
+      low = number[t] < low ? number[t] : low, high = number[t] > high ? number[t] : high;
+    }
+    int first = w, last = 0;
+    for (int k = 0; k < kWide; ++k) first = std::min(first, int(low[k])), last = std::max(last, int(high[k]));
+    for (auto& n : number) n -= first;
     const bool near = last - first < 2 * kWide;
     for (int r = 0; r < lines; ++r) {
       const float* from = in + r * w;
@@ -57,53 +42,53 @@ void along(const float* in, int lines, int w, const Taps& cols, float* line, flo
         for (int t = 0; t < kTaps; ++t) sum[t] = weight[t] * pick(a, b, number[t]);
       } else {
         for (int t = 0; t < cols.taps; ++t)
-          for (int k = 0; k < some; ++k) sum[t][k] = weight[t][k] * from[first + number[t][k]];
+          for (int k = 0; k < kWide; ++k) sum[t][k] = weight[t][k] * from[first + number[t][k]];
       }
       store(wide + r * width + c, (sum[0] + sum[1]) + (sum[2] + sum[3]));
     }
   }
 }
 
-// to = the sum of `n` lines times a weight each. A whole number of vectors is written.
+// One new line of every plane: the sum of `n` old lines times a weight each. Planes are `from` and `step` apart.
 template <int n>
-void add(const float* const* lines, const float* weights, int count, float* to) {
-  const float* line[n];
+void across(const float* const* lines, const float* weights, int planes, int from, int step, int count, float* to) {
   F weight[n];
 #pragma GCC unroll 4
-  for (int t = 0; t < n; ++t) line[t] = lines[t], weight[t] = F{} + weights[t];
-  for (int c = 0; c < count; c += kWide) {
-    F sum = weight[0] * load(line[0] + c);
+  for (int t = 0; t < n; ++t) weight[t] = F{} + weights[t];
+  const auto sum = [&](int c) __attribute__((always_inline)) {
+    F all = weight[0] * load(lines[0] + c);
 #pragma GCC unroll 4
-    for (int t = 1; t < n; ++t) sum += weight[t] * load(line[t] + c);
-    store(to + c, sum);
+    for (int t = 1; t < n; ++t) all += weight[t] * load(lines[t] + c);
+    return all;
+  };
+  for (int p = 0; p < planes; ++p, to += step) {
+    const int c = p * from;
+    if (count < kWide) {
+      const F all = sum(c);
+      std::memcpy(to, &all, count * sizeof(float));
+      continue;
+    }
+    for (int k = 0; k + kWide <= count; k += kWide) store(to + k, sum(c + k));
+    if (count % kWide) store(to + count - kWide, sum(c + count - kWide));
   }
-}
-
-// New line r: the sum of taps over old lines `width` apart.
-void across(const float* wide, int width, int r, const Taps& rows, int count, float* to) {
-  const float* line[kTaps];
-  float weight[kTaps];
-  int n = 0;
-  for (int t = 0; t < rows.taps; ++t)
-    if (const float w = rows.weight[t * rows.count + r]; w != 0 || (n == 0 && t == rows.taps - 1))
-      weight[n] = w, line[n++] = wide + rows.index[t * rows.count + r] * width;
-  constexpr decltype(&add<1>) kAdd[] = {add<1>, add<2>, add<3>, add<4>};
-  kAdd[n - 1](line, weight, count, to);
 }
 
 void resample(const float* in, int planes, int h, int w, const Taps& rows, const Taps& cols, float* out) {
   const int width = (cols.count + kWide - 1) / kWide * kWide;
-  thread_local Plane<float> wide, line, end;
+  thread_local Plane<float> wide, line;
   wide.resize(planes * h * width);
   line.resize(w + 2 * kWide);
-  end.resize(width);
   along(in, planes * h, w, cols, line.data(), wide.data(), width);
-  for (int p = 0, left = planes * rows.count * cols.count; p < planes; ++p)
-    for (int r = 0; r < rows.count; ++r, out += cols.count, left -= cols.count) {
-      // What a line writes beyond its end is overwritten by the ones after it, if there are enough of them.
-      across(wide.data() + p * h * width, width, r, rows, cols.count, left >= width ? out : end.data());
-      if (left < width) std::copy_n(end.data(), cols.count, out);
-    }
+  for (int r = 0; r < rows.count; ++r, out += cols.count) {
+    const float* lines[kTaps];
+    float weights[kTaps];
+    int n = 0;
+    for (int t = 0; t < rows.taps; ++t)
+      if (const float weight = rows.weight[t * rows.stride + r]; weight != 0 || (n == 0 && t == rows.taps - 1))
+        weights[n] = weight, lines[n++] = wide.data() + rows.index[t * rows.stride + r] * width;
+    constexpr decltype(&across<1>) kAcross[] = {across<1>, across<2>, across<3>, across<4>};
+    kAcross[n - 1](lines, weights, planes, h * width, rows.count * cols.count, cols.count, out);
+  }
 }
 
 }  // namespace

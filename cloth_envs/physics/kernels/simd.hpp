@@ -124,6 +124,19 @@ inline T late(const T& a, const T& b) {
 #endif
 }
 
+// Lanes of (a, b), picked by number: those of b follow those of a.
+using Places = decltype(V<float>{} < V<float>{});
+inline V<float> pick(const V<float>& a, const V<float>& b, const Places& number) {
+#if defined(__clang__)
+  constexpr int n = kLanes<float>;
+  V<float> r;
+  for (int k = 0; k < n; ++k) r[k] = number[k] < n ? a[number[k]] : b[number[k] - n];
+  return r;
+#else
+  return __builtin_shuffle(a, b, number);
+#endif
+}
+
 template <class T>
 struct V3 {
   V<T> x, y, z;

@@ -45,66 +45,78 @@ void upscale(const PatchNet& net, In<float, 4> x, In<float, 2> bias, Out<float, 
                                  bias.data() + b * net.biases, out.data() + b * 3 * high * wide);
 }
 
-std::vector<UpscaledBody> bodies_of(In<float, 4> ends, In<float, 4> velocities, In<float, 1> radii,
-                                    const std::vector<bool>& planes, std::size_t member) {
-  const std::size_t count = radii.shape(0);
-  std::vector<UpscaledBody> bodies(count);
-  for (std::size_t c = 0; c < count; ++c) {
-    bodies[c].plane = planes[c], bodies[c].radius = radii.data()[c];
-    std::copy_n(ends.data() + (member * count + c) * 6, 6, &bodies[c].ends[0][0]);
-    std::copy_n(velocities.data() + (member * count + c) * 6, 6, &bodies[c].velocities[0][0]);
+// The bodies of a scene, with its thickness, and the vertices that they leave alone.
+struct Bodies {
+  std::vector<float> radii;
+  std::vector<bool> planes;
+  std::vector<int> held;
+
+  std::vector<UpscaledBody> at(const In<float, 4>& ends, const In<float, 4>& velocities, std::size_t member) const {
+    std::vector<UpscaledBody> bodies(radii.size());
+    for (std::size_t c = 0; c < bodies.size(); ++c) {
+      bodies[c].plane = planes[c], bodies[c].radius = radii[c];
+      std::copy_n(ends.data() + (member * bodies.size() + c) * 6, 6, &bodies[c].ends[0][0]);
+      std::copy_n(velocities.data() + (member * bodies.size() + c) * 6, 6, &bodies[c].velocities[0][0]);
+    }
+    return bodies;
   }
-  return bodies;
-}
 
-void check_bodies(std::size_t batch, In<float, 4> ends, In<float, 4> velocities, In<float, 1> radii,
-                  const std::vector<bool>& planes) {
-  const std::initializer_list<std::size_t> shape = {batch, radii.shape(0), 2, 3};
-  need(shaped(ends, shape) && shaped(velocities, shape) && planes.size() == radii.shape(0),
-       "colliders must be (B, C, 2, 3), as many as radii and planes");
-}
+  void check(const Out<float, 4>& field, const In<float, 4>& ends, const In<float, 4>& velocities) const {
+    const std::initializer_list<std::size_t> shape = {field.shape(0), radii.size(), 2, 3};
+    need(field.shape(1) == 3, "the cloth must be (B, 3, H, W)");
+    need(shaped(ends, shape) && shaped(velocities, shape), "colliders must be (B, C, 2, 3), as many as radii");
+    for (int i : held) need(i >= 0 && i < int(field.shape(2) * field.shape(3)), "a handle is not a vertex of the grid");
+  }
 
-constexpr float nowhere = std::numeric_limits<float>::quiet_NaN();  // held vertices meanwhile: near no body
-
-// Bodies act one after the other, twice where there are several.
-void push_out(Out<float, 4> x, In<float, 4> ends, In<float, 4> velocities, In<float, 1> radii,
-              const std::vector<bool>& planes, In<int, 1> held, Out<int, 1> pushed, Out<float, 1> depth) {
-  const std::size_t batch = x.shape(0), n = x.shape(2) * x.shape(3), count = held.shape(0);
-  need(x.shape(1) == 3 && shaped(pushed, {batch}) && shaped(depth, {batch}), "x must be (B, 3, H, W), counts (B,)");
-  check_bodies(batch, ends, velocities, radii, planes);
-  nb::gil_scoped_release release;
-  std::vector<float> kept(3 * count);
-  for (std::size_t b = 0; b < batch; ++b) {
-    float* cloth = x.data() + b * 3 * n;
-    pushed.data()[b] = 0, depth.data()[b] = 0;
+  // Calls work() while the held vertices of planes (3, n) are nowhere, near no body.
+  template <class Work>
+  void without_held(float* planes_of, std::size_t n, const Work& work) const {
+    constexpr float nowhere = std::numeric_limits<float>::quiet_NaN();
+    const std::size_t count = held.size();
+    thread_local std::vector<float> kept;
+    kept.resize(3 * count);
     for (std::size_t i = 0; i < 3 * count; ++i)
-      kept[i] = std::exchange(cloth[i / count * n + held.data()[i % count]], nowhere);
-    const auto bodies = bodies_of(ends, velocities, radii, planes, b);
-    for (int pass = 0; pass < 2 && (pass == 0 || (pushed.data()[b] > 0 && bodies.size() > 1)); ++pass)
-      for (const auto& body : bodies) {
-        const Pushed now = best_upscale_lanes().push(body, int(n), cloth);
-        if (pass == 0) pushed.data()[b] += now.count, depth.data()[b] = std::max(depth.data()[b], now.depth);
-      }
-    for (std::size_t i = 0; i < 3 * count; ++i) cloth[i / count * n + held.data()[i % count]] = kept[i];
+      kept[i] = std::exchange(planes_of[i / count * n + held[i % count]], nowhere);
+    work();
+    for (std::size_t i = 0; i < 3 * count; ++i) planes_of[i / count * n + held[i % count]] = kept[i];
   }
-}
 
-void stop_at(Out<float, 4> v, In<float, 4> x, In<float, 4> ends, In<float, 4> velocities, In<float, 1> radii,
-             const std::vector<bool>& planes, In<int, 1> held, double reach) {
-  const std::size_t batch = x.shape(0), n = x.shape(2) * x.shape(3), count = held.shape(0);
-  need(x.shape(1) == 3 && shaped(v, {batch, 3, x.shape(2), x.shape(3)}), "x and v must be (B, 3, H, W)");
-  check_bodies(batch, ends, velocities, radii, planes);
-  nb::gil_scoped_release release;
-  std::vector<float> kept(3 * count);
-  for (std::size_t b = 0; b < batch; ++b) {
-    float* cloth = v.data() + b * 3 * n;
-    for (std::size_t i = 0; i < 3 * count; ++i)
-      kept[i] = std::exchange(cloth[i / count * n + held.data()[i % count]], nowhere);
-    for (const auto& body : bodies_of(ends, velocities, radii, planes, b))
-      best_upscale_lanes().stop(body, int(n), x.data() + b * 3 * n, cloth, float(reach));
-    for (std::size_t i = 0; i < 3 * count; ++i) cloth[i / count * n + held.data()[i % count]] = kept[i];
+  // Bodies act one after the other, twice where there are several.
+  void push_out(Out<float, 4> x, In<float, 4> ends, In<float, 4> velocities, Out<int, 1> pushed,
+                Out<float, 1> depth) const {
+    const std::size_t batch = x.shape(0), n = x.shape(2) * x.shape(3);
+    check(x, ends, velocities);
+    need(shaped(pushed, {batch}) && shaped(depth, {batch}), "pushed and depth must be (B,)");
+    nb::gil_scoped_release release;
+    for (std::size_t b = 0; b < batch; ++b) {
+      float* cloth = x.data() + b * 3 * n;
+      int& count = pushed.data()[b] = 0;
+      float& deepest = depth.data()[b] = 0;
+      const auto bodies = at(ends, velocities, b);
+      without_held(cloth, n, [&] {
+        for (int pass = 0; pass < 2 && (pass == 0 || (count > 0 && bodies.size() > 1)); ++pass)
+          for (const auto& body : bodies) {
+            const Pushed now = best_upscale_lanes().push(body, int(n), cloth);
+            if (pass == 0) count += now.count, deepest = std::max(deepest, now.depth);
+          }
+      });
+    }
   }
-}
+
+  void stop_at(Out<float, 4> v, In<float, 4> x, In<float, 4> ends, In<float, 4> velocities, double reach) const {
+    const std::size_t n = x.shape(2) * x.shape(3);
+    check(v, ends, velocities);
+    need(shaped(x, {v.shape(0), 3, v.shape(2), v.shape(3)}), "x and v must be of one shape");
+    nb::gil_scoped_release release;
+    for (std::size_t b = 0; b < x.shape(0); ++b) {
+      float* cloth = v.data() + b * 3 * n;
+      without_held(cloth, n, [&] {
+        for (const auto& body : at(ends, velocities, b))
+          best_upscale_lanes().stop(body, int(n), x.data() + b * 3 * n, cloth, float(reach));
+      });
+    }
+  }
+};
 
 }  // namespace
 
@@ -113,12 +125,15 @@ void bind_upscale(nb::module_& m) {
       .def("__init__", &make_net, nb::arg("spacing"), nb::arg("limit"), nb::arg("weights"))
       .def("upscale", &upscale,
            "Writes coarse positions (B, 3, h, w) at half the spacing, bicubic and residual, to out.");
-  m.def("push_out", &push_out, nb::arg("x").noconvert(), nb::arg("ends"), nb::arg("velocities"), nb::arg("radii"),
-        nb::arg("planes"), nb::arg("held"), nb::arg("pushed").noconvert(), nb::arg("depth").noconvert(),
-        "Puts vertices that are in bodies on the surface; how many, and the deepest, by member.");
-  m.def("stop_at", &stop_at, nb::arg("v").noconvert(), nb::arg("x"), nb::arg("ends"), nb::arg("velocities"),
-        nb::arg("radii"), nb::arg("planes"), nb::arg("held"), nb::arg("reach"),
-        "Takes from vertices at the surface of bodies the velocity into them.");
+  nb::class_<Bodies>(m, "Bodies", "Keeps upscaled vertices but the held ones out of a scene's bodies.")
+      .def("__init__",
+           [](Bodies* self, std::vector<float> radii, std::vector<bool> planes, std::vector<int> held) {
+             need(radii.size() == planes.size(), "as many planes as radii");
+             new (self) Bodies{std::move(radii), std::move(planes), std::move(held)};
+           })
+      .def("push_out", &Bodies::push_out,
+           "Puts vertices of x that are in bodies on the surface; how many, and the deepest, by member.")
+      .def("stop_at", &Bodies::stop_at, "Takes from vertices x at the surface the velocity v into the body.");
 }
 
 }  // namespace minicloth

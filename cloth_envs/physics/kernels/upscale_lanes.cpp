@@ -108,38 +108,39 @@ void infer(const PatchNet& net, const float* patches, std::size_t each, int n, c
 // vertex add to it.
 void merge(const float* padded, std::size_t plane, const float* planes, std::size_t area, int rows, int cols,
            float* out) {
-  const int n = cols - 1, wide = cols + 2;
-  thread_local Plane<float> between, means;
-  between.resize(wide), means.resize(3 * n);
-  const auto cubic = [](float a, float b, float c, float d) { return 0.5625f * (b + c) - 0.0625f * (a + d); };
-  for (int k = 0; k < 3; ++k) {
-    const auto row = [&](int r, int i, int j) { return planes + ((i * 3 + j) * 3 + k) * area + r * n; };
-    for (int line = 0; line < 2 * rows - 1; ++line, out += 2 * n + 1) {
+  const int n = cols - 1, wide = cols + 2, count = 2 * n + 1;
+  thread_local Plane<float> memory;
+  memory.resize(rows * wide + count + 4 * kWide);
+  float *between = memory.data(), *end = between + rows * wide + kWide;
+  Places low, high;  // a0 b0 a1 b1 ...
+  for (int k = 0; k < kWide; ++k) low[k] = k / 2 + k % 2 * kWide, high[k] = low[k] + kWide / 2;
+  const auto cubic = [](const float* p, int step) __attribute__((always_inline)) {
+    return 0.5625f * (load(p + step) + load(p + 2 * step)) - 0.0625f * (load(p) + load(p + 3 * step));
+  };
+  for (int k = 0, missing = 3 * (2 * rows - 1) * count; k < 3; ++k) {
+    const float* whole = padded + k * plane;
+    for (int c = 0; c < (rows - 1) * wide; c += kWide) store(between + c, cubic(whole + c, wide));
+    for (int line = 0; line < 2 * rows - 1; ++line, out += count, missing -= count) {
       const int r = line / 2;
-      const float *p = padded + k * plane + r * wide, *v = p + wide;
-      if (line % 2 == 1) {
-        float* middle = between.data();
-        for (int c = 0; c < wide; ++c) middle[c] = cubic(p[c], p[c + wide], p[c + 2 * wide], p[c + 3 * wide]);
-        v = middle;
-      }
-      const float* said[3];  // at the left, in the middle and at the right of every cell
+      const float* v = line % 2 == 1 ? between + r * wide : whole + (r + 1) * wide;
+      // At the left, in the middle and at the right of every cell the mean of what the cells above and below say.
+      const float *above[3], *below[3];
       for (int j = 0; j < 3; ++j) {
-        float* mean = means.data() + j * n;
-        said[j] = mean;
-        if (line == 2 * rows - 2)
-          said[j] = row(r - 1, 2, j);
-        else if (line % 2 == 1 || line == 0)
-          said[j] = row(r, line % 2, j);
-        else
-          for (int c = 0; c < n; ++c) mean[c] = 0.5f * (row(r, 0, j)[c] + row(r - 1, 2, j)[c]);
+        const auto said = [&](int row, int i) { return planes + ((i * 3 + j) * 3 + k) * area + row * n; };
+        below[j] = line == 2 * rows - 2 ? said(r - 1, 2) : said(r, line % 2);
+        above[j] = line % 2 == 1 || line == 0 ? below[j] : said(r - 1, 2);
       }
-      const float *left = said[0], *middle = said[1], *right = said[2];
-      out[0] = v[1] + left[0];
-      for (int c = 0; c < n; ++c) {
-        out[2 * c + 1] = cubic(v[c], v[c + 1], v[c + 2], v[c + 3]) + middle[c];
-        out[2 * c + 2] = v[c + 2] + 0.5f * (right[c] + left[c + 1 < n ? c + 1 : c]);
+      const auto mean = [&](int j, int c)
+                            __attribute__((always_inline)) { return 0.5f * (load(above[j] + c) + load(below[j] + c)); };
+      // What a line writes beyond its end is overwritten by the ones after it, if there are enough of them.
+      float* to = missing < count + 2 * kWide ? end : out;
+      for (int c = 0; c <= n; c += kWide) {
+        const F even = load(v + c + 1) + 0.5f * (mean(2, c - 1) + mean(0, c)), odd = cubic(v + c, 1) + mean(1, c);
+        store(to + 2 * c, pick(even, odd, low)), store(to + 2 * c + kWide, pick(even, odd, high));
       }
-      out[2 * n] = v[n + 1] + right[n - 1];
+      to[0] = v[1] + 0.5f * (above[0][0] + below[0][0]);
+      to[2 * n] = v[n + 1] + 0.5f * (above[2][n - 1] + below[2][n - 1]);
+      if (to == end) std::memcpy(out, end, count * sizeof(float));
     }
   }
 }
@@ -149,7 +150,7 @@ void upscale(const PatchNet& net, const float* x, int rows, int cols, const floa
   const std::size_t plane = std::size_t(rows + 2) * (cols + 2) + kBlock, each = std::size_t(rows + 3) * n + kBlock;
   const std::size_t area = std::size_t(cells + kBlock - 1) / kBlock * kBlock;
   thread_local Plane<float> padded, patches, planes;
-  padded.resize(3 * plane), patches.resize(12 * each), planes.resize(3 * kNodes * area);
+  padded.resize(3 * plane), patches.resize(12 * each), planes.resize(3 * kNodes * area + 2 * kBlock);
   pad(x, rows, cols, plane, padded.data());
   line_up(padded.data(), rows, cols, plane, each, patches.data());
   for (int p = 0; p < cells; p += kWide) infer(net, patches.data() + p, each, n, bias, area, planes.data() + p);
