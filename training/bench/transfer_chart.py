@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cloth_envs.commands.chart import INK, import_figure, limits
+from cloth_envs.commands.chart import INK, import_figure, limits, spread
 from training.bench.charts import COLUMNS, PANEL, SOFT, WIDTH, dress
 from training.bench.transfer_rows import RANDOM, REFERENCE, ZERO, Summary
 
@@ -23,9 +23,11 @@ COLORS = {
 }
 MARKERS = {"": "o", "x2": "s", "x4": "^", "x4 longer": "*"}
 FLOORS = {ZERO: (0, (4, 2)), RANDOM: (0, (1, 2))}
+APART = 0.03  # of the axis: where times are nearly equal, points are moved this far apart
 NOTE = (
-    "The same policy, episodes and seeds for all. Filled: reward on the reference, bars 95 % over seeds and trainings. "
-    "Hollow: on the backend it was trained on. Upper left is better."
+    "The same policy and seeds for all, {0} episodes ({1}: longer). Filled: reward on the reference, bars 95 % over "
+    "seeds and trainings. Hollow: on the backend that it was trained on. Upper left is better. Points of nearly equal time "
+    "are moved apart."
 )
 
 
@@ -40,23 +42,25 @@ def panel(axes: Any, rows: Sequence[Summary]) -> dict[str, Any]:
     handles: dict[str, Any] = {}
     axes.set_xscale("log")
     trained = [r for r in rows if r.trainings]
-    for r in trained:
+    times = np.array([r.processor_s for r in trained])
+    left, right = np.log10(limits(times.min(), times.max(), 0.08))
+    places = 10 ** spread(np.log10(times), APART * (right - left))
+    for x, r in zip(places, trained, strict=True):
         name, rest = split(r.policy)
         color, marker = COLORS[name], MARKERS[rest]
         size = 9 if marker == "*" else 6
         if r.policy != REFERENCE:
-            axes.plot([r.processor_s] * 2, [r.reference, r.own], color=color, lw=0.8, alpha=0.5, zorder=2)
-            axes.plot(r.processor_s, r.own, marker, ms=size, mfc="white", mec=color, mew=1.0, zorder=3)
+            axes.plot([x] * 2, [r.reference, r.own], color=color, lw=0.8, alpha=0.5, zorder=2)
+            axes.plot(x, r.own, marker, ms=0.75 * size, mfc="white", mec=color, mew=1.0, zorder=5)
         handles[r.policy] = axes.errorbar(
-            r.processor_s, r.reference, yerr=r.reference_half, fmt=marker, color=color, ms=size, mec="white", mew=0.7,
+            x, r.reference, yerr=r.reference_half, fmt=marker, color=color, ms=size, mec="white", mew=0.7,
             elinewidth=1.1, capsize=2.5, zorder=4,
         )  # fmt: skip
     for r in rows:
         if r.policy in FLOORS:
             line = axes.axhline(r.reference, color=SOFT, ls=FLOORS[r.policy], lw=1.0, zorder=1)
             handles[r.policy] = line
-    times = [r.processor_s for r in trained]
-    axes.set_xlim(limits(min(times), max(times), 0.08))
+    axes.set_xlim(10**left, 10**right)
     axes.set_ylim(0, 1.08 * max(max(r.reference + r.reference_half, r.own) for r in rows))
     return handles
 
@@ -82,7 +86,8 @@ def draw(rows: Sequence[Summary], paths: Sequence[Path], *, setup: str) -> None:
     else:
         figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=4, **look)
     figure.supxlabel("processor time of a training, one thread [s]", fontsize=8.5, color=INK)
-    text = "\n".join(textwrap.wrap(f"{setup}. {NOTE}", 140))
+    episodes = [r.episodes for r in rows if r.trainings]
+    text = "\n".join(textwrap.wrap(f"{setup}. {NOTE.format(min(episodes), max(episodes))}", 140))
     figure.text(0.01, -0.01, text, fontsize=7, color=SOFT, va="top", ha="left", linespacing=1.35)
     for path in paths:
         figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.1, facecolor="white")
