@@ -26,8 +26,8 @@ FLOORS = {ZERO: (0, (4, 2)), RANDOM: (0, (1, 2))}
 APART = 0.03  # of the axis: where times are nearly equal, points are moved this far apart
 NOTE = (
     "The same policy and seeds for all, {0} episodes ({1}: longer). Filled: reward on the reference, bars 95 % over "
-    "seeds and trainings. Hollow: on the backend that it was trained on. Upper left is better. Points of nearly equal time "
-    "are moved apart."
+    "seeds and trainings. Hollow: on the backend that it was trained on. Upper left is better. Points of nearly "
+    "equal time are moved apart."
 )
 
 
