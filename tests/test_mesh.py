@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from cloth_envs.registry import load_task
-from training.bench.mesh import METHODS, decimated, gather, main, measure
+from training.bench.mesh import METHODS, Changed, decimated, gather, main, measure
+from training.bench.speed_accuracy_methods import Method
 from training.bench.truth import Case, load
 
 
@@ -41,6 +42,16 @@ def test_windows_are_the_fine_sheet_at_common_vertices(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.sort(windows.controls[1].handle_positions, 1), np.sort(driven, 1))
     small = decimated(truth.states[2], truth.scene, windows.scene)
     np.testing.assert_array_equal(small.positions, windows.truth[0].positions)
+
+
+def test_a_changed_material_is_the_reference_with_it(tmp_path: Path) -> None:
+    windows = gather([Case("Flag", 200, 4, 2)], (2,), 3, tmp_path)
+    same, soft, plain = (
+        measure(windows, [method], (3,))[0].error
+        for method in (Changed("", {"compression": 1.0}), Changed("", {"compression": 0.1}), Method("explicit"))
+    )
+    assert same == plain
+    assert soft != plain
 
 
 def test_other_handles_on_the_fine_mesh_are_refused(tmp_path: Path) -> None:
