@@ -24,6 +24,7 @@ COLORS = {
 MARKERS = {"": "o", "x2": "s", "x4": "^", "x4 longer": "*"}
 FLOORS = {ZERO: (0, (4, 2)), RANDOM: (0, (1, 2))}
 APART = 0.03  # of the axis: where times are nearly equal, points are moved this far apart
+TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)  # s
 NOTE = (
     "The same policy and seeds for all, {0} episodes ({1}: longer). Filled: reward on the reference, bars 95 % over "
     "seeds and trainings. Hollow: on the backend that it was trained on. Upper left is better. Points of nearly "
@@ -75,7 +76,8 @@ def draw(rows: Sequence[Summary], paths: Sequence[Path], *, setup: str) -> None:
     for axes, name in zip(panels, names, strict=False):
         handles |= panel(axes, [r for r in rows if r.scene == name])
         dress(axes, name)
-        axes.tick_params(labelleft=True)
+        left, right = axes.get_xlim()
+        axes.set_xticks([tick for tick in TICKS if left <= tick <= right])
     for axes in panels[len(names) :]:
         axes.set_axis_off()
     for axes in panels[: len(names) : COLUMNS]:
