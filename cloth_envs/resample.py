@@ -69,17 +69,21 @@ def weights(source: Grid, target: Grid, kind: str = "cubic") -> tuple[np.ndarray
 
 
 class Resampler:
-    """The compiled way of float32 fields ``(B, K, H, W)`` from ``source`` to ``target``; exact at shared vertices."""
+    """The compiled way of float32 fields ``(B, K, H, W)`` from ``source`` to ``target``; exact at shared vertices.
+
+    Attributes:
+        kernel: what does it, for other kernels that go on with it.
+    """
 
     def __init__(self, source: Grid, target: Grid, kind: str = "cubic") -> None:
         self._shape = target.shape
         taps = [taps for matrix in weights(source, target, kind) for taps in _taps(matrix)]
-        self._resample = kernels.Resample(*source.shape, *taps)
+        self.kernel = kernels.Resample(*source.shape, *taps)
 
     def __call__(self, field: np.ndarray) -> np.ndarray:
         """``field`` on the target's vertices, ``(B, K, H', W')``."""
         out = np.empty((*field.shape[:2], *self._shape), np.float32)
-        self._resample(field, out)
+        self.kernel(field, out)
         return out
 
 

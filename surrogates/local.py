@@ -55,8 +55,8 @@ class Local:
         self._net = PatchNet(spacing(coarse.grid), LIMIT, [np.ascontiguousarray(w, np.float32) for w in self._weights])
         self._bias = np.zeros((0, sum(len(w) for w in self._weights)), np.float32)
         double = dense_grid(fine.grid, coarse.grid, 2)
-        self._double, self._bicubic = double.shape, Resampler(coarse.grid, fine.grid)
-        self._rest = None if double.shape == fine.grid.shape else Resampler(double, fine.grid)
+        self._shape, self._bicubic = fine.grid.shape, Resampler(coarse.grid, fine.grid)
+        self._finer = None if double.shape == self._shape else Resampler(double, fine.grid).kernel
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         """Materials outside the range of training count as its nearest end."""
@@ -80,9 +80,9 @@ class Local:
 
     def positions(self, history: Sequence[State]) -> np.ndarray:
         x = history[-1].positions
-        out = np.empty((len(x), 3, *self._double), np.float32)
-        self._net.upscale(x, self._bias[: len(x)], out)
-        return out if self._rest is None else self._rest(out)
+        out = np.empty((len(x), 3, *self._shape), np.float32)
+        self._net.upscale(x, self._bias[: len(x)], self._finer, out)
+        return out
 
     def seam(self, history: Sequence[State]) -> float:
         """Mean distance [m] of what cells say of a vertex that they share from the average of it."""

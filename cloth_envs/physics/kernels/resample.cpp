@@ -29,20 +29,14 @@ Taps taps(const Index& index, const Weight& weight, int old) {
   return all;
 }
 
-// out = R field C^T for planes of (B, K, h, w): every new row or column is a weighted sum of some old ones.
-struct Grids {
-  int h, w;
-  Taps rows, cols;
-
-  void resample(In<float, 4> field, Out<float, 4> out) const {
-    const std::size_t batch = field.shape(0), planes = field.shape(1);
-    need(shaped(field, {batch, planes, std::size_t(h), std::size_t(w)}),
-         "the field must be (B, K, old rows, old cols)");
-    need(shaped(out, {batch, planes, std::size_t(rows.count), std::size_t(cols.count)}),
-         "out must be (B, K, new rows, new cols)");
-    best_resample()(field.data(), int(batch * planes), h, w, rows, cols, out.data());
-  }
-};
+void resample(const Grids& grids, In<float, 4> field, Out<float, 4> out) {
+  const std::size_t batch = field.shape(0), planes = field.shape(1);
+  need(shaped(field, {batch, planes, std::size_t(grids.h), std::size_t(grids.w)}),
+       "the field must be (B, K, old rows, old cols)");
+  need(shaped(out, {batch, planes, std::size_t(grids.rows.count), std::size_t(grids.cols.count)}),
+       "out must be (B, K, new rows, new cols)");
+  grids(field.data(), int(batch * planes), out.data());
+}
 
 // Puts the vertices `handles` of (B, 3, H, W) to driven (B, N, 3). Where one is off by more than `rounding`, the
 // vertices `near` take their pull of what is missing at the handle number `guides`.
@@ -99,7 +93,7 @@ void bind_resample(nb::module_& m) {
            [](Grids* self, int h, int w, Index row_index, Weight row_weight, Index col_index, Weight col_weight) {
              new (self) Grids{h, w, taps(row_index, row_weight, h), taps(col_index, col_weight, w)};
            })
-      .def("__call__", &Grids::resample);
+      .def("__call__", &resample);
 }
 
 }  // namespace minicloth

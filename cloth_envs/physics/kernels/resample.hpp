@@ -22,6 +22,14 @@ struct Taps {
 using Resample = void (*)(const float* in, int planes, int h, int w, const Taps& rows, const Taps& cols, float* out);
 
 Resample best_resample();
+
+// out = R field C^T for planes (h, w): every new row or column is a weighted sum of some old ones.
+struct Grids {
+  int h, w;
+  Taps rows, cols;
+  void operator()(const float* in, int planes, float* out) const { best_resample()(in, planes, h, w, rows, cols, out); }
+};
+
 void bind_resample(nanobind::module_& m);
 
 }  // namespace minicloth

@@ -17,18 +17,19 @@ constexpr int kWide = kLanes<float>;
 // Lines of w old samples to lines of cols.count new ones, `width` apart: a vector of new samples at a time, whose old
 // samples mostly lie in two vectors from the first of them on. `line` holds w samples and two vectors more, for lines
 // so near the end that the vectors reach beyond it.
+template <int n>
 void along(const float* in, int lines, int w, const Taps& cols, float* line, float* wide, int width) {
   for (int c = 0; c < cols.count; c += kWide) {
-    Places number[kTaps] = {}, low = Places{} + w, high = {};
-    F weight[kTaps] = {};
-    for (int t = 0; t < cols.taps; ++t) {
+    Places number[n], low = Places{} + w, high = {};
+    F weight[n];
+    for (int t = 0; t < n; ++t) {
       std::memcpy(&number[t], cols.index.data() + t * cols.stride + c, sizeof number[t]);
       weight[t] = load(cols.weight.data() + t * cols.stride + c);
       low = number[t] < low ? number[t] : low, high = number[t] > high ? number[t] : high;
     }
     int first = w, last = 0;
     for (int k = 0; k < kWide; ++k) first = std::min(first, int(low[k])), last = std::max(last, int(high[k]));
-    for (auto& n : number) n -= first;
+    for (int t = 0; t < n; ++t) number[t] -= first;
     const bool near = last - first < 2 * kWide;
     for (int r = 0; r < lines; ++r) {
       const float* from = in + r * w;
@@ -36,15 +37,16 @@ void along(const float* in, int lines, int w, const Taps& cols, float* line, flo
         std::copy_n(from + first, w - first, line + first);
         from = line;
       }
-      F sum[kTaps] = {};
+      F sum = {};
       if (near) {
         const F a = load(from + first), b = load(from + first + kWide);
-        for (int t = 0; t < kTaps; ++t) sum[t] = weight[t] * pick(a, b, number[t]);
+#pragma GCC unroll 4
+        for (int t = 0; t < n; ++t) sum += weight[t] * pick(a, b, number[t]);
       } else {
-        for (int t = 0; t < cols.taps; ++t)
-          for (int k = 0; k < kWide; ++k) sum[t][k] = weight[t][k] * from[first + number[t][k]];
+        for (int t = 0; t < n; ++t)
+          for (int k = 0; k < kWide; ++k) sum[k] += weight[t][k] * from[first + number[t][k]];
       }
-      store(wide + r * width + c, (sum[0] + sum[1]) + (sum[2] + sum[3]));
+      store(wide + r * width + c, sum);
     }
   }
 }
@@ -78,7 +80,8 @@ void resample(const float* in, int planes, int h, int w, const Taps& rows, const
   thread_local Plane<float> wide, line;
   wide.resize(planes * h * width);
   line.resize(w + 2 * kWide);
-  along(in, planes * h, w, cols, line.data(), wide.data(), width);
+  constexpr decltype(&along<1>) kAlong[] = {along<1>, along<2>, along<3>, along<4>};
+  kAlong[cols.taps - 1](in, planes * h, w, cols, line.data(), wide.data(), width);
   for (int r = 0; r < rows.count; ++r, out += cols.count) {
     const float* lines[kTaps];
     float weights[kTaps];

@@ -8,6 +8,7 @@
 #include <utility>
 
 #include "arrays.hpp"
+#include "resample.hpp"
 
 namespace nb = nanobind;
 
@@ -33,16 +34,24 @@ void make_net(PatchNet* self, double spacing, double limit, const std::vector<In
   new (self) PatchNet(std::move(net));
 }
 
-void upscale(const PatchNet& net, In<float, 4> x, In<float, 2> bias, Out<float, 4> out) {
+// `finer` goes on from half the spacing, or is null where that is all.
+void upscale(const PatchNet& net, In<float, 4> x, In<float, 2> bias, const Grids* finer, Out<float, 4> out) {
   const std::size_t batch = x.shape(0), rows = x.shape(2), cols = x.shape(3);
   const std::size_t high = 2 * rows - 1, wide = 2 * cols - 1;
   need(x.shape(1) == 3 && rows >= 3 && cols >= 3, "positions must be (B, 3, h, w), 3 x 3 vertices or more");
-  need(shaped(out, {batch, 3, high, wide}), "out must be (B, 3, 2 h - 1, 2 w - 1)");
+  need(!finer || (finer->h == int(high) && finer->w == int(wide)), "finer must start from (2 h - 1, 2 w - 1)");
+  const std::size_t last = finer ? finer->rows.count : high, end = finer ? finer->cols.count : wide;
+  need(shaped(out, {batch, 3, last, end}), "out must be (B, 3, 2 h - 1, 2 w - 1), or as finer has it");
   need(shaped(bias, {batch, std::size_t(net.biases)}), "bias must be (B, outputs of all layers)");
   nb::gil_scoped_release release;
-  for (std::size_t b = 0; b < batch; ++b)
+  thread_local Plane<float> half;
+  half.resize(finer ? 3 * high * wide : 0);
+  for (std::size_t b = 0; b < batch; ++b) {
+    float* to = out.data() + b * 3 * last * end;
     best_upscale_lanes().upscale(net, x.data() + b * 3 * rows * cols, int(rows), int(cols),
-                                 bias.data() + b * net.biases, out.data() + b * 3 * high * wide);
+                                 bias.data() + b * net.biases, finer ? half.data() : to);
+    if (finer) (*finer)(half.data(), 3, to);
+  }
 }
 
 // The bodies of a scene, with its thickness, and the vertices that they leave alone.
@@ -123,8 +132,9 @@ struct Bodies {
 void bind_upscale(nb::module_& m) {
   nb::class_<PatchNet>(m, "PatchNet")
       .def("__init__", &make_net, nb::arg("spacing"), nb::arg("limit"), nb::arg("weights"))
-      .def("upscale", &upscale,
-           "Writes coarse positions (B, 3, h, w) at half the spacing, bicubic and residual, to out.");
+      .def(
+          "upscale", &upscale, nb::arg("x"), nb::arg("bias"), nb::arg("finer").none(), nb::arg("out"),
+          "Writes coarse positions (B, 3, h, w) at half the spacing, bicubic and residual, or what finer makes of it.");
   nb::class_<Bodies>(m, "Bodies", "Keeps upscaled vertices but the held ones out of a scene's bodies.")
       .def("__init__",
            [](Bodies* self, std::vector<float> radii, std::vector<bool> planes, std::vector<int> held) {
