@@ -8,6 +8,7 @@
 
 #include "admm.hpp"
 #include "arrays.hpp"
+#include "correct.hpp"
 #include "episode.hpp"
 #include "explicit.hpp"
 #include "implicit.hpp"
@@ -134,6 +135,7 @@ NB_MODULE(_minicloth_kernels, m) {
   bind_implicit(m);
   bind_particles(m);
   bind_resample(m);
+  bind_correct(m);
   bind_upscale(m);
   m.def("instruction_set", &best_lanes_name, "The instruction set that the kernels run on this processor.");
 }

@@ -3,6 +3,7 @@
 #include <string_view>
 
 #include "admm.hpp"
+#include "correct.hpp"
 #include "lanes.hpp"
 #include "particles.hpp"
 #include "resample.hpp"
@@ -19,6 +20,7 @@ namespace minicloth {
   const AdmmLanes<float>& admm_lanes(float);   \
   const AdmmLanes<double>& admm_lanes(double); \
   const UpscaleLanes& upscale_lanes();         \
+  Corrects correct_lanes();                    \
   Resample resample_lanes();                   \
   }
 DECLARE(baseline)
@@ -92,6 +94,14 @@ const UpscaleLanes& best_upscale_lanes() {
   if (kLevel == 1) return avx2::upscale_lanes();
 #endif
   return baseline::upscale_lanes();
+}
+
+Corrects best_correct() {
+#ifdef MINICLOTH_X86_LEVELS
+  if (kLevel == 2) return avx512::correct_lanes();
+  if (kLevel == 1) return avx2::correct_lanes();
+#endif
+  return baseline::correct_lanes();
 }
 
 Resample best_resample() {

@@ -1,0 +1,144 @@
+"""The learned correction of the coarse dynamics: symmetry, bounds, handles, and a small training."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from cloth_envs.scene import Scene
+from cloth_envs.state import Controls, State
+from cloth_envs.world import World
+from surrogates.checkpoint import load
+from surrogates.dynamics import ARRAYS, Corrected, Correction, shipped, weights_name
+from surrogates.miniature import MiniatureBackend
+from training.dynamics_data import Course, episodes
+from training.train_dynamics import LIMIT, Recipe, Trainer, main
+
+HIDDEN = 8
+SCENES = ("Flag", "BallDrop", "Curtain")  # wind, bodies, neither
+EPS = float(np.finfo(np.float32).eps)
+
+
+def coarse(scene: str) -> Scene:
+    return MiniatureBackend(World(scene).scene, factor=4).coarse.scene
+
+
+def network(scene: Scene, bound: float = 1e6) -> Correction:
+    """Random weights; features are clipped to ``bound``."""
+    rng, count = np.random.default_rng(0), Correction(scene, {}).features(*frames(scene))[0].shape[-1]
+    shapes = [(HIDDEN, count), (HIDDEN,), (HIDDEN, HIDDEN), (HIDDEN,), (6, HIDDEN), (6,), (count,), (count,), (6,)]
+    arrays = {name: rng.normal(size=shape) / shape[-1] for name, shape in zip(ARRAYS, shapes, strict=True)}
+    arrays |= {"low": np.full(count, -bound), "high": np.full(count, bound), "limit": np.full(6, 0.2)}
+    return Correction(scene, {name: a.astype(np.float32) for name, a in arrays.items()})
+
+
+def frames(scene: Scene) -> tuple[State, State]:
+    """A waved sheet within 2 m of the origin before and after a frame, at speeds of about 1 m/s."""
+    rng, (h, w) = np.random.default_rng(1), scene.grid.shape
+    v, u = np.meshgrid(np.linspace(0, 1, h), np.linspace(0, 1, w), indexing="ij")
+    x = np.stack([0.7 * u * scene.grid.width, 0.1 * np.sin(9 * u + 3 * v), -v * scene.grid.height])[None]
+    bodies = np.broadcast_to([[0.1, 0.3, -0.2], [0.0, 0.0, 1.0]], (1, len(scene.colliders), 2, 3)).copy()
+    after = replace(State.still(x, bodies), wind=rng.normal(size=(1, 3)), velocities=rng.normal(size=x.shape))
+    return replace(after, velocities=rng.normal(size=x.shape)), after
+
+
+def corrected(correction: Correction, before: State, after: State) -> State:
+    out = after.copy()
+    correction.apply(out, *correction.features(before, out))
+    return out
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_turning_the_scene_about_the_vertical_turns_the_answer(name: str) -> None:
+    scene = coarse(name)
+    correction, turn = network(scene), Rotation.from_euler("z", 1.1).as_matrix()
+
+    def turned(state: State) -> State:
+        cloth = {n: np.einsum("ij,bjhw->bihw", turn, getattr(state, n)) for n in ("positions", "velocities")}
+        return replace(state, **cloth, colliders=state.colliders @ turn.T, wind=state.wind @ turn.T)
+
+    before, after = frames(scene)
+    one, other = turned(corrected(correction, before, after)), corrected(correction, turned(before), turned(after))
+    # Differences of coordinates within 2 m carry 4 eps m; over the spacing they enter some hundred features, and the
+    # normalised weights hand on at most the largest of them. The answer comes back in spacings, and those per frame.
+    rounding = 100 * 4 * EPS
+    assert abs(one.positions - other.positions).max() < rounding
+    assert abs(one.velocities - other.velocities).max() < rounding / scene.frame_dt
+    assert abs(one.positions - turned(after).positions).max() > 100 * rounding
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_handles_stay_and_answers_are_bounded(name: str) -> None:
+    scene = coarse(name)
+    correction = network(scene)
+    correction.arrays["weight2"] *= 1e6
+    before, after = frames(scene)
+    found = corrected(correction, before, after)
+    moved = np.linalg.norm(found.positions - after.positions, axis=1).reshape(-1)
+    # Each of three components within its limit.
+    assert 0 < moved.max() <= np.sqrt(3) * 0.2 * scene.grid.row_spacing * (1 + 100 * EPS)
+    assert not moved[list(scene.handles)].any()
+
+
+def test_a_tube_and_missing_weights_are_refused() -> None:
+    scene = coarse("Curtain")
+    with pytest.raises(ValueError, match="no tubes"):
+        Correction(replace(scene, grid=replace(scene.grid, periodic=True)), {})
+    with pytest.raises(ValueError, match="minicloth train dynamics --scenes Nowhere"):
+        shipped("Nowhere", 4)
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("dynamics")
+
+
+def test_a_small_training_beats_none_on_held_out_episodes(cache: Path) -> None:
+    data, held = (episodes("Curtain", seeds, [4], ("smooth",), cache) for seeds in (range(1000, 1006), range(200, 202)))
+    trainer = Trainer(data, 4, Recipe(seeds=6, hidden=16, warm=100, steps=5))
+    arrays = trainer.fit()
+    found = Course(held, 4, "closure", trainer.correction).errors(5)
+    without = Course(held, 4, "closure").errors(5)
+    assert found[0] < without[0]
+    assert found[4] < without[4]
+    assert arrays["limit"] == pytest.approx(LIMIT * trainer.scale.numpy())
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("bound", [1e6, 0.1])
+def test_the_compiled_correction_of_a_frame_is_its_numpy_twin(name: str, bound: float) -> None:
+    world = World(name, num_envs=2)
+    world.reset({i: np.random.default_rng(i) for i in range(2)})
+    solvers = [MiniatureBackend(world.scene, num_envs=2, factor=4, scaling="closure") for _ in range(2)]
+    for solver in solvers:
+        solver.reset(world.state)
+    correction, plain = network(solvers[0].coarse.scene, bound), solvers[1].coarse
+    tested = Corrected(solvers[0].coarse, correction)
+    controls = solvers[0]._handles.controls(Controls.hold(world.state, world.scene.handles), solvers[0]._offsets)
+    before = plain.state.copy()
+    expected = corrected(correction, before, plain.advance(controls))
+    tested.advance(controls)
+    # As in the turned scene: rounding of coordinates within 2 m, over a few hundred sums of about 1.
+    rounding = 100 * 4 * EPS
+    assert abs(tested.state.positions - expected.positions).max() < rounding
+    assert abs(tested.state.velocities - expected.velocities).max() < rounding / world.scene.frame_dt
+    assert abs(expected.positions - plain.state.positions).max() > 10 * rounding
+
+
+def test_the_command_writes_weights_and_a_card(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("training.train_dynamics.HELD_OUT", (200, 201))
+    given = ["--scenes", "Curtain", "--factors", "4", "--seeds", "2", "--warm", "5", "--steps", "1", "--hidden", "4"]
+    assert main([*given, "--out", str(tmp_path), "--cache", str(cache)]) == 0
+    found = load(weights_name("Curtain"), tmp_path)
+    assert {name.removeprefix("4.") for name in found.arrays} == set(ARRAYS)
+    assert set(found.card["factors"]["4"]["held-out error [% of length] after frames"]) == {
+        "calibrated",
+        "closure",
+        "learned",
+    }
+    with pytest.raises(ValueError, match="Curtain"):
+        main(["--scenes", "Curtan"])
