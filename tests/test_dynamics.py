@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,10 +10,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from cloth_envs.registry import SCENES as REGISTERED
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
-from surrogates.checkpoint import load
+from surrogates.checkpoint import WEIGHTS, load
 from surrogates.dynamics import ARRAYS, Corrected, Correction, shipped, weights_name
 from surrogates.miniature import MiniatureBackend
 from training.dynamics_data import Course, episodes
@@ -142,3 +144,16 @@ def test_the_command_writes_weights_and_a_card(tmp_path: Path, cache: Path, monk
     }
     with pytest.raises(ValueError, match="Curtain"):
         main(["--scenes", "Curtan"])
+
+
+@pytest.mark.parametrize("path", sorted(WEIGHTS.glob("dynamics_*.json")), ids=lambda path: path.stem)
+def test_shipped_weights_fit_their_scene_and_gained_on_held_out_seeds(path: Path) -> None:
+    card = json.loads(path.read_text())
+    name = next(scene for scene in REGISTERED if weights_name(scene) == path.stem)
+    for factor, entry in card["factors"].items():
+        Correction(
+            MiniatureBackend(World(name).scene, factor=int(factor)).coarse.scene, shipped(name, int(factor))
+        ).compiled()
+        errors = entry["held-out error [% of length] after frames"]
+        for frames, learned in errors["learned"].items():
+            assert learned < min(errors["calibrated"][frames], errors["closure"][frames])
