@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
+from cloth_envs.scenes.lee2019 import Flag2019
 from surrogates.coarse import coarse_grid
 from surrogates.miniature import MiniatureBackend
 from training import generate as module
@@ -53,6 +54,9 @@ def test_a_killed_writer_leaves_whole_shards_and_the_next_one_goes_on(
             np.testing.assert_array_equal(file["real/2"][:], other["real/2"][:])
     with pytest.raises(ValueError, match="data of another plan"):
         generate(Plan("Flag", frames=5, window=5), tmp_path, 4)
+    monkeypatch.setattr(Flag2019, "options", {**Flag2019.options, "bending": 0.0})  # the paper is read otherwise
+    with pytest.raises(ValueError, match="data of another plan"):
+        generate(PLAN, tmp_path, 4)
 
 
 def test_processes_write_what_one_process_writes(folder: Path, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from gymnasium.utils.env_checker import check_env
 
 import cloth_envs
 from cloth_envs import cli
+from cloth_envs.material import Material
 from cloth_envs.physics.admm import AdmmSolver
 from cloth_envs.physics.explicit import ExplicitSolver
 from cloth_envs.physics.stencil import edges
@@ -19,6 +20,7 @@ from cloth_envs.recording import RolloutWriter
 from cloth_envs.recording.reader import Rollout
 from cloth_envs.registry import PRESETS
 from cloth_envs.rendering import framing
+from cloth_envs.scene import Wind
 from cloth_envs.scenes import lee2019, zhao2024
 from cloth_envs.world import World
 
@@ -126,6 +128,26 @@ def test_lee2019_has_the_papers_grid_mass_and_springs(scene: str) -> None:
     assert constants == {70.0, 35.0}  # half on the border
     for factor in (2, 4):
         assert grid.cells[0] % factor == grid.cells[1] % factor == 0
+
+
+def test_lee2019_flag_bends_as_springs_between_a_vertex_and_the_middle_of_two_others() -> None:
+    """On a cylinder of curvature c: k/2 |x_i - (x_i-1 + x_i+1) / 2|^2 a vertex and direction is B c^2 / 2 an area.
+
+    The spring's stretch is a^2 c / 2 less (a c)^2 / 12 of it, its energy less twice that: at a c = 0.01, 1.7e-5.
+    """
+    k, curvature = 70.0, 0.32
+    scene = World("Flag", preset={"name": "lee2019", "spring": k}).scene
+    a = scene.grid.col_spacing
+    angle = curvature * a * np.arange(3)
+    x = np.stack([np.sin(angle), np.cos(angle)]) / curvature
+    spring = k / 2 * ((x[:, 1] - (x[:, 0] + x[:, 2]) / 2) ** 2).sum() / a**2
+    sheet = (scene.material.bend_stiffness - Material().bend_stiffness) * curvature**2 / 2
+    assert sheet == pytest.approx(spring, rel=3e-5)
+    assert scene.wind is not None
+    assert scene.wind.tangential == 0.2
+    soft = World("Flag", preset={"name": "lee2019", "bending": 0, "tangential": 0.1}).scene
+    assert soft.material.bend_stiffness == Material().bend_stiffness
+    assert soft.wind == Wind()
 
 
 def test_lee2019_ball_keeps_to_its_path_and_flag_wind_turns_round() -> None:
@@ -250,6 +272,8 @@ def test_every_preset_has_a_scene_and_the_command_takes_them(capsys: pytest.Capt
         ("Flag", {"name": "lee2019", "mass": 0.0}, {}, ["positive mass"]),
         ("Flag", {"name": "lee2019", "mass": "3"}, {}, ["finite number as mass"]),
         ("Flag", {"name": "lee2019", "wind": 40.0}, {}, ["-12 to 12"]),
+        ("Flag", {"name": "lee2019", "bending": -1.0}, {}, ["bending of 0 or more"]),
+        ("Flag", {"name": "lee2019", "tangential": -1.0}, {}, ["tangential of 0 or more"]),
         ("Pressure", {"name": "zhao2024", "mass": 3.0}, {}, ["no options"]),
         ("Pressure", "zhao2024", {"material": "silk"}, ["fixes the material", "leave material= out"]),
         ("Pressure", "zhao2024", {"randomize": {"drag": [0.1, 0.2]}}, ["fixes the randomize"]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 from surrogates.checkpoint import WEIGHTS, load
 from training.bench import published, published_chart, tables
 from training.bench.published import KEY, POINT_KEY, Point, Row, measure, pairs, score, text, windows
+from training.bench.published_readings import measured, motion
 from training.bench.published_runs import UNSCALED, UPSCALERS, by_frame, held_out, miniature, teacher, unscaled
 from training.bench.store import Store
 from training.recipes import SCENES, SHIPPED
@@ -50,6 +52,22 @@ def test_without_wind_the_unscaled_coarse_cloth_is_as_stiff_as_the_papers_miniat
     assert by_frame(hdnn, seed).mean() < 0.1 * by_frame(seed, similar).mean()
 
 
+def test_readings_tell_a_flag_that_stands_still_from_one_that_waves() -> None:
+    run = teacher("Flag", 8)
+    still = replace(
+        run, states=[replace(s, positions=run.states[0].positions, velocities=0 * s.velocities) for s in run.states]
+    )
+    width = run.scene.grid.width
+    # float32 positions of up to 1.5 m: 1.5 eps.
+    assert motion(still) == pytest.approx({"fly": width, "waves": 0.0, "speed": 0.0}, abs=2e-7)
+    assert min(motion(run).values()) > 1e-3
+    found = measured({"tangential": 0.1}, 8)
+    assert set(found) == {("bicubic", "error"), ("bicubic", "worst"), ("teacher nudged", "error")} | {
+        ("teacher", name) for name in motion(run)
+    }
+    assert 0 < found["teacher nudged", "error"] < found["bicubic", "error"] < found["bicubic", "worst"]
+
+
 def test_windows_start_again_from_the_teacher() -> None:
     found = {(r.method, r.protocol, r.frames, r.measure): r.value for r in windows("Flag", 2, 1)}
     first = found["bicubic", "windows", 1, "error"]
@@ -78,6 +96,7 @@ def test_a_stopped_run_is_completed_and_drawn(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(published, "SCENES", ("Flag",))
     monkeypatch.setattr(published_chart, "SCENES", ("Flag",))
     monkeypatch.setattr(published, "FACTORS", (2,))
+    monkeypatch.setattr(published, "READINGS", published.READINGS[:1])
     monkeypatch.setattr(published, "VARIED", {name: options[:1] for name, options in published.VARIED.items()})
     whole, calls = published.score, []
 
@@ -94,7 +113,18 @@ def test_a_stopped_run_is_completed_and_drawn(tmp_path: Path, monkeypatch: pytes
     assert {r.table for r in rows.rows} == {"T3", "T5", "T7", "T4"}
     measure(rows, points, frames=2, count=1)
     assert calls == ["T7", "T4", "fig13", "fig13", "fig14", "fig15", "fig15"]
-    assert {r.table for r in rows.rows} == {"T3", "T4", "T5", "T7", "T8", "fig13", "fig14", "fig15", "held out"}
+    assert {r.table for r in rows.rows} == {
+        "T3",
+        "T4",
+        "T5",
+        "T7",
+        "T8",
+        "fig13",
+        "fig14",
+        "fig15",
+        "held out",
+        "readings",
+    }
     said = text(rows.rows)
     assert "T7: errors in m" in said
     assert "(0.007767)" in said

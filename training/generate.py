@@ -56,7 +56,8 @@ class Plan:
     layout: int = LAYOUT
 
     def text(self) -> str:
-        return json.dumps(asdict(self))
+        """With what the preset's options are today: data of another reading of the paper are another plan's."""
+        return json.dumps(asdict(self) | {"options": dict(load_preset(self.scene, self.preset).options)})
 
 
 @dataclass(frozen=True)

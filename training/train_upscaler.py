@@ -171,14 +171,15 @@ def run(name: str, data: Path | None, out: Path, *, fresh: bool = False) -> dict
         held: Pairs([read(p, recipe.factor) for p in paths], recipe.scene, recipe.factor, **options)
         for held, paths in split.items()
     }
-    state = work_folder() / f"{name}.pt"
+    known = data_hash([*split[False], *split[True]])
+    state = work_folder() / f"{name}-{known[:8]}.pt"
     if fresh:
         state.unlink(missing_ok=True)
     arrays, seconds = train(recipe, pairs[False], state)
     card = {
         "recipe": {"name": name, **asdict(recipe)},
         "data": {
-            "hash": data_hash([*split[False], *split[True]]),
+            "hash": known,
             "teacher": "P-ADMM, 10 iterations, full resolution",
             "trajectories": {"learnt from": len(split[False]), "held out": len(split[True])},
             "pairs": len(pairs[False]),

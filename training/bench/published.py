@@ -6,6 +6,8 @@ Errors are mean distances of the vertices from the teacher's (P-ADMM, 10 iterati
 - *oracle*: the teacher's own positions, down-sampled and upscaled again, over ``frames`` frames.
 - *free*: a miniature that starts with the teacher and runs by itself for ``frames`` frames; table 7.
 - *windows*: held-out trajectories, the miniature started from the teacher's state again every 20 frames.
+
+Rows "readings" are flags that differ in what the paper leaves open (``published_readings``).
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ import numpy as np
 from tqdm import tqdm
 
 from surrogates.checkpoint import WEIGHTS
+from training.bench.published_readings import READINGS, measured
 from training.bench.published_runs import (
     HISTORY,
     UNSCALED,
@@ -160,6 +163,12 @@ def windows(scene: str, factor: int, count: int, extra: Path | None = None) -> I
         yield Row("held out", scene, "", factor, name, protocol, frames, measure, mean, NAN)
 
 
+def readings(options: Mapping[str, float], frames: int) -> Iterator[Row]:
+    """Another flag: what ``published_readings.measured`` says of it."""
+    for (method, measure), value in measured(options, frames).items():
+        yield Row("readings", "Flag", _text(options), 2, method, "free", frames, measure, value, NAN)
+
+
 def speeds(scene: str, frames: int) -> Iterator[Row]:
     """Table 8: processor time of a frame, one thread."""
     ms = milliseconds(teacher(scene, frames), 2, UPSCALERS)
@@ -206,10 +215,13 @@ def measure(rows: Store[Row], points: Store[Point], *, frames: int, count: int, 
     wanted += [("fig15", "Flag", 2, options) for options in TURNED]
     for table, scene, factor, options in tqdm(wanted, desc="tables with networks", disable=None):
         if not _known(rows, table, scene, _text(options), factor):
-            new, by_frames = score(table, scene, factor, frames, options, extra if table == "T7" else None)
+            new, by_frames = score(table, scene, factor, frames, options, extra if table in ("T7", "fig15") else None)
             rows.add(*new)
             if table == "T7":
                 points.add(*by_frames)
+    for options in READINGS:
+        if not _known(rows, "readings", "Flag", _text(options), 2):
+            rows.add(*readings(options, frames))
     for scene in SCENES:
         if not _known(rows, "held out", scene, "", 2):
             rows.add(*windows(scene, 2, count, extra))

@@ -19,6 +19,7 @@ from training.bench.published_runs import (
     unscaled,
     upscalers,
 )
+from training.train_upscaler import work_folder
 
 # Scene, the preset's options, how many frames.
 SHOWN: tuple[tuple[str, dict[str, float], int], ...] = (
@@ -32,19 +33,19 @@ COLUMNS = (
     "H-DNN-like",
     "network, real miniature",
     "network, oracle inputs",
-    "bicubic, oracle inputs",
+    "bicubic (flag: local network), oracle",
 )
 SIZE, TITLE = (300, 225), 22  # pixels
 
 
 def positions(run: Run, frames: int) -> list[np.ndarray]:
     """The cloth ``(1, 3, H, W)`` of each column after ``frames`` frames."""
-    up = upscalers(run, 2, ("bicubic", "hdnn", "fc"))
+    up = upscalers(run, 2, ("bicubic", "hdnn", "fc"), work_folder() / "weights")
     alone, real, oracle = (
         states[: HISTORY + frames][-HISTORY:]
         for states in (miniature(run, 2, 0, frames, **unscaled(2)), miniature(run, 2, 0, frames), decimated(run, 2))
     )
-    wanted = (("hdnn", alone), ("fc", real), ("fc", oracle), ("bicubic", oracle))
+    wanted = (("hdnn", alone), ("fc", real), ("fc", oracle), ("local" if "local" in up else "bicubic", oracle))
     inferred = [up[name].positions(states) for name, states in wanted]
     return [run.states[frames].positions, *inferred]
 

@@ -17,6 +17,7 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from surrogates.checkpoint import load
 from surrogates.coarse import coarse_scene
+from surrogates.local import Local, weights_name
 from surrogates.miniature import MiniatureBackend
 from surrogates.published import FullyConnected
 from surrogates.upscaler import Upscaler, make_upscaler
@@ -47,9 +48,13 @@ class Run:
         return np.concatenate([state.positions for state in self.states[1:]])
 
 
-def teacher(scene: str, frames: int, options: Mapping[str, float] | None = None) -> Run:
-    """The preset's own run, with zero actions; ``options`` are the preset's (mass, spring, wind)."""
+def teacher(scene: str, frames: int, options: Mapping[str, float] | None = None, **attributes: float) -> Run:
+    """The preset's own run, with zero actions; ``options`` are the preset's (mass, spring, wind).
+
+    ``attributes`` are set on the task's class: ``across`` [rad], how far the flag starts from downwind.
+    """
     cls: Any = load_preset(scene, {"name": PRESET, **(options or {})})
+    cls = type(cls.__name__, (cls,), attributes)
     task = cls(cls.make_scene(resolution=cls.resolution, material=cls.material))
     return Run(task.scene, *simulate(task, PRESET, np.random.default_rng(0), frames))
 
@@ -97,7 +102,7 @@ def decimated(run: Run, factor: int) -> list[State]:
 
 
 def upscalers(run: Run, factor: int, names: Sequence[str], extra: Path | None = None) -> dict[str, Upscaler]:
-    """Those of ``names`` that have weights for this scene, and ``OTHERS`` in the folder ``extra``."""
+    """Those of ``names`` that have weights for this scene, and ``OTHERS`` and ``"local"`` in the folder ``extra``."""
     coarse, _ = coarse_scene(run.scene, factor, run.scene.material)
     found: dict[str, Upscaler] = {}
     for name in names:
@@ -111,6 +116,9 @@ def upscalers(run: Run, factor: int, names: Sequence[str], extra: Path | None = 
             found["fc " + kind.replace("_", " ")] = FullyConnected(
                 coarse, run.scene, factor, weights=load(f"{stem}_{kind}", extra)
             )
+    taught = f"{weights_name('local', run.scene.name)}_{factor}"
+    if extra and (extra / f"{taught}.safetensors").is_file():  # of training.published_local
+        found["local"] = Local(coarse, run.scene, factor, arrays=load(taught, extra).arrays)
     for each in found.values():
         each.set_materials([0], [run.scene.material])
     return found
