@@ -121,9 +121,15 @@ class Correction:
 
 
 class Corrected:
-    """A coarse backend whose every frame is corrected."""
+    """A coarse backend whose every frame is corrected.
+
+    Raises:
+        ValueError: a backend in float64.
+    """
 
     def __init__(self, backend: Backend, correction: Correction) -> None:
+        if getattr(backend, "dtype", np.float32) != np.float32:
+            raise ValueError('correction="learned" needs a solver in float32: leave dtype out')
         self._backend, self._net = backend, correction.compiled()
 
     def advance(self, controls: Controls) -> State:

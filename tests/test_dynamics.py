@@ -86,10 +86,13 @@ def test_handles_stay_and_answers_are_bounded(name: str) -> None:
     assert not moved[list(scene.handles)].any()
 
 
-def test_a_tube_and_missing_weights_are_refused() -> None:
+def test_a_tube_float64_and_missing_weights_are_refused() -> None:
     scene = coarse("Curtain")
     with pytest.raises(ValueError, match="no tubes"):
         Correction(replace(scene, grid=replace(scene.grid, periodic=True)), {})
+    exact = MiniatureBackend(World("Curtain").scene, factor=4, solver_kwargs={"dtype": "float64"}).coarse
+    with pytest.raises(ValueError, match="leave dtype out"):
+        Corrected(exact, network(exact.scene))
     with pytest.raises(ValueError, match="minicloth train dynamics --scenes Nowhere"):
         shipped("Nowhere", 4)
 
