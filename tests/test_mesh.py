@@ -66,5 +66,6 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     with (tmp_path / "out" / "mesh_error.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert {row["frames"] for row in rows} == {"1", "5", "10", "25"}
-    assert len(rows) == 4 * len(METHODS)
+    assert {row["start"] for row in rows} == {"restart", "beginning"}
+    assert len(rows) == 2 * 4 * len(METHODS)
     assert all(float(row["error"]) > 0 for row in rows)
