@@ -88,9 +88,10 @@ class Resampler:
 
 
 def _taps(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Old places and their weights for every new one, ``(taps, new)`` each, padded by weights of 0."""
+    """Old places and their weights for every new one, ``(taps, new)`` each, padded by weights of 0 nearby."""
     count = int((matrix != 0).sum(1).max())
-    index = np.sort(np.argsort(matrix == 0, axis=1, kind="stable")[:, :count], axis=1)
+    away = abs(np.arange(matrix.shape[1]) - abs(matrix).argmax(1)[:, None])
+    index = np.sort(np.argsort(np.where(matrix != 0, -1, away), axis=1, kind="stable")[:, :count], axis=1)
     weight = np.take_along_axis(matrix, index, 1)
     return np.ascontiguousarray(index.T, np.int32), np.ascontiguousarray(weight.T, np.float32)
 

@@ -1,8 +1,8 @@
 """Fit the calibrated miniature and the closure: ``python -m training.calibrate --scaling calibrated|closure``.
 
 A few material factors per scene and grid factor are fitted so that short windows of the coarse cloth, started from
-decimated truth, end where the decimated truth does. The closure starts from the calibrated factors and adds a law of
-shortened springs. Resumable: what the file holds already is kept.
+decimated truth, end where the decimated truth does. The closure starts from the calibrated factors, adds a law of
+shortened springs, and may take few substeps. Resumable: what the file holds already is kept.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ from training.bench.truth import Case, cache_folder, length, load
 HORIZONS = {"calibrated": 5, "closure": 10}  # frames of a window
 NAMES = {"calibrated": FACTORS, "closure": CLOSURE}
 SPACING = 10  # frames from one window to the next
-SUBSTEPS_PRICE = 0.2  # of the loss, for twice the substeps of the calibrated cloth
+# A closure takes at most the calibrated cloth's substeps and MOST_SUBSTEPS times the similar one's; as many beyond cost
+# SUBSTEPS_PRICE of the loss.
+MOST_SUBSTEPS, SUBSTEPS_PRICE = 1.3, 2.0
 FIT_SEEDS, HELD_OUT_SEEDS = (100, 101, 102, 103), (200, 201, 202)
 SETTLE = 0.5  # s of the episode before the first window
 WINDOWS = 8  # of every seed
@@ -111,12 +113,12 @@ def fit(data: Windows, factor: int, scaling: str, evaluations: int) -> dict[str,
     The closure's errors are those over the calibrated one's of the same frame, so that the first frame counts too.
     """
     names = [n for n in NAMES[scaling] if getattr(data.scene.material, n) > 0]
-    begin, limits, base, usual, price = {"compression": 0.3}, BOUNDS, np.ones(1), 1, 0.0
+    begin, limits, base, usual, price = {"compression": 0.3}, BOUNDS, np.ones(1), 1.0, 0.0
     if scaling == "closure":
         calibrated = load_factors(data.scene.name, factor)
         begin, limits, price = calibrated | CLOSURE_START, CLOSURE_BOUNDS, SUBSTEPS_PRICE
-        found, usual = errors(data, factor, scaling=scaling, factors=calibrated)
-        base = found.mean(1)
+        found, most = errors(data, factor, scaling=scaling, factors=calibrated)
+        base, usual = found.mean(1), min(most, MOST_SUBSTEPS * errors(data, factor, scaling="similar")[1])
     bounds = np.log([limits[name] for name in names])
     start = np.log([begin.get(name, 1.0) for name in names]).clip(*bounds.T)
     with tqdm(total=evaluations, desc=f"{data.scene.name} 1/{factor}", disable=None) as bar:

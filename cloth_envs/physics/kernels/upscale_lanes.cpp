@@ -148,7 +148,8 @@ void merge(const float* padded, std::size_t plane, const float* planes, std::siz
 void upscale(const PatchNet& net, const float* x, int rows, int cols, const float* bias, float* out) {
   const int n = cols - 1, cells = (rows - 1) * n;
   const std::size_t plane = std::size_t(rows + 2) * (cols + 2) + kBlock, each = std::size_t(rows + 3) * n + kBlock;
-  const std::size_t area = std::size_t(cells + kBlock - 1) / kBlock * kBlock;
+  // An odd number of blocks, or planes would share few lines of the cache.
+  const std::size_t area = (std::size_t(cells + kBlock - 1) / kBlock | 1) * kBlock;
   thread_local Plane<float> padded, patches, planes;
   padded.resize(3 * plane), patches.resize(12 * each), planes.resize(3 * kNodes * area + 2 * kBlock);
   pad(x, rows, cols, plane, padded.data());
