@@ -15,10 +15,12 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from surrogates.calibrated import load_factors
 from surrogates.coarse import SCALINGS, coarse_scene, miniature_material
+from surrogates.dynamics import Corrected, Correction, shipped
 from surrogates.project import Projection
 from surrogates.upscaler import make_upscaler
 
 CLOTH = ("positions", "velocities")
+CORRECTIONS = ("learned",)
 
 
 class UpscaledState(State):
@@ -58,11 +60,12 @@ class MiniatureBackend:
             in compression, fitted too).
         factors: of a calibration of your own, ``{material property: multiplier}``, instead of the shipped ones.
         upscaler: an interpolation, ``"bilinear"``, ``"biquadratic"`` or ``"bicubic"``, or a network by name.
-        solver: of the coarse cloth, as for ``backend="reference"``.
-        solver_kwargs: its options.
+        correction: ``"learned"``, a network that corrects the coarse cloth after every frame (``dynamics``).
+        solver: of the coarse cloth, as for ``backend="reference"``. threads: over members of the batch.
+        solver_kwargs: its other options.
 
     Raises:
-        ValueError: a bad argument, or a scene that has no calibration.
+        ValueError: a bad argument, or a scene that has no calibration or correction.
     """
 
     def __init__(
@@ -74,6 +77,8 @@ class MiniatureBackend:
         scaling: str = "similar",
         factors: Mapping[str, float] | None = None,
         upscaler: str = "bicubic",
+        correction: str | None = None,
+        threads: int = 1,
         solver: str = "explicit",
         solver_kwargs: Mapping[str, Any] | None = None,
     ) -> None:
@@ -89,7 +94,14 @@ class MiniatureBackend:
         if fitted and factors is None:
             self._factors = load_factors(scene.name, factor, scaling)
         coarse, self._handles = coarse_scene(scene, factor, self._effective(scene.material))
-        self.coarse = reference(coarse, num_envs=num_envs, solver=solver, **(solver_kwargs or {}))
+        options = {"threads": threads, **(solver_kwargs or {})}
+        self.coarse = reference(coarse, num_envs=num_envs, solver=solver, **options)
+        if correction is not None:
+            if correction not in CORRECTIONS:
+                raise unknown_name("correction", correction, CORRECTIONS)
+            if scaling != "closure":
+                raise ValueError(f'correction={correction!r} was trained on scaling="closure", got scaling={scaling!r}')
+            self.coarse = Corrected(self.coarse, Correction(coarse, shipped(scene.name, factor)))
         self._up = make_upscaler(upscaler, coarse, scene, factor)
         self._held = np.array(scene.handles, np.int32)
         self.contact = Projection(scene)

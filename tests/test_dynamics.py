@@ -149,6 +149,36 @@ def test_the_command_writes_weights_and_a_card(tmp_path: Path, cache: Path, monk
         main(["--scenes", "Curtan"])
 
 
+def test_a_corrected_world_goes_on_from_what_was_saved() -> None:
+    options = {"factor": 4, "scaling": "closure", "correction": "learned"}
+    world = World("Curtain", backend="miniature", backend_kwargs=options)
+    world.reset({0: np.random.default_rng(0)})
+    action = np.full((1, len(world.task.actions)), 0.5)
+    ends, plain = [], World("Curtain", backend="miniature", backend_kwargs={"factor": 4, "scaling": "closure"})
+    plain.reset({0: np.random.default_rng(0)})
+    for _ in range(3):
+        world.step(action), plain.step(action)
+    saved = world.get_state()
+    for _ in range(2):
+        world.set_state(saved)
+        world.step(action)
+        ends.append(world.state.positions.copy())
+    plain.step(action)
+    assert np.array_equal(*ends)
+    assert 1e-4 < abs(ends[0] - plain.state.positions).max() < 0.3
+
+
+def test_corrections_that_fit_nothing_are_refused() -> None:
+    scene = World("Curtain").scene
+    for options, words in (
+        ({"correction": "lerned", "scaling": "closure"}, "learned"),
+        ({"correction": "learned"}, 'scaling="closure"'),
+        ({"correction": "learned", "scaling": "closure", "factor": 3}, "minicloth train dynamics"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            MiniatureBackend(scene, **options)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("path", sorted(WEIGHTS.glob("dynamics_*.json")), ids=lambda path: path.stem)
 def test_shipped_weights_fit_their_scene_and_gained_on_held_out_seeds(path: Path) -> None:
     card = json.loads(path.read_text())

@@ -33,6 +33,14 @@ def test_members_are_bit_equal_to_single_environments(scene: str) -> None:
     many.close()
 
 
+def test_a_surrogate_is_stepped_by_threads_too() -> None:
+    options = {"backend": "miniature", "max_episode_steps": 5}
+    many, one = (vector("Flag", backend_kwargs={"factor": 4, **more}, **options) for more in ({}, {"threads": 1}))
+    assert np.array_equal(many.reset(seed=1)[0], one.reset(seed=1)[0])
+    actions = np.full(many.action_space.shape, 0.5, np.float32)
+    assert np.array_equal(many.step(actions)[0], one.step(actions)[0])
+
+
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 @pytest.mark.parametrize("obs", ["keypoints", "mesh"])
 def test_resets_agree_with_gymnasiums_own_vector_environment(mode: AutoresetMode, obs: str) -> None:

@@ -9,7 +9,6 @@ and blow up, and the slow waves that make up the error nearly do fly freely for 
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -24,6 +23,7 @@ from tqdm import tqdm
 from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
 from cloth_envs.registry import SCENES
+from surrogates.calibrated import load_factors
 from surrogates.checkpoint import WEIGHTS, load, save
 from surrogates.dynamics import ARRAYS, LAYERS, Correction, weights_name
 from surrogates.miniature import MiniatureBackend
@@ -198,10 +198,11 @@ def _rows(field: np.ndarray) -> np.ndarray:
 
 
 def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: Path) -> None:
-    """Fit and write the corrections of a scene; what ``out`` holds of this recipe is kept."""
-    name, settings = weights_name(scene), json.loads(json.dumps(asdict(recipe)))
+    """Fit and write the corrections of a scene; what ``out`` holds of this recipe and these factors is kept."""
+    name = weights_name(scene)
     arrays, done = _written(name, out)
     for factor in factors:
+        settings = asdict(recipe) | {"factors": load_factors(scene, factor, recipe.scaling)}
         if done.get(str(factor), {}).get("trained with") == settings:
             continue
         data = episodes(scene, range(FIRST_SEED, FIRST_SEED + recipe.seeds), [factor], POLICIES, cache)

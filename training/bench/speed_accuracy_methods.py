@@ -107,11 +107,10 @@ def _solver(name: str, job: Job, **options: Any) -> Any:
     )
 
 
-def _miniature(scaling: str, job: Job, *, factor: float, upscaler: str = "bicubic") -> Any:
+def _miniature(scaling: str, job: Job, *, factor: float, upscaler: str = "bicubic", **options: Any) -> Any:
     if factor not in (2, 3, 4):
         return Coarser(job.scene, num_envs=job.num_envs, factor=factor, upscaler=upscaler)
-    options: dict[str, Any] = {"factor": factor, "scaling": scaling, "upscaler": upscaler}
-    options |= {"solver_kwargs": {"threads": job.threads}} if job.threads > 1 else {}
+    options |= {"factor": factor, "scaling": scaling, "upscaler": upscaler, "threads": job.threads}
     return make_backend("miniature", job.scene, num_envs=job.num_envs, backend_kwargs=options)
 
 
@@ -145,6 +144,10 @@ FAMILIES: dict[str, tuple[Builder, Sequence[Mapping[str, Any]]]] = {
     "calibrated local": (lambda job, **o: _miniature("calibrated", job, upscaler="local", **o), FACTORS),
     "miniature closure": (lambda job, **o: _miniature("closure", job, **o), FACTORS),
     "closure local": (lambda job, **o: _miniature("closure", job, upscaler="local", **o), FACTORS),
+    "closure learned": (
+        lambda job, **o: _miniature("closure", job, upscaler="local", correction="learned", **o),
+        ({"factor": 2}, {"factor": 4}),
+    ),
     "cnn": (lambda job, **o: make_backend("cnn", job.scene, num_envs=job.num_envs, backend_kwargs=o), ({},)),
     "similar + offset": (lambda job, **o: _offset("similar", job, **o), FACTORS),
     "calibrated + offset": (lambda job, **o: _offset("calibrated", job, **o), FACTORS),

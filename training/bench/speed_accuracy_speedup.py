@@ -27,7 +27,10 @@ BASELINES = {
     "coarser grids": SOLVERS + COARSE,
     "fitted springs": SOLVERS + COARSE + FITTED,
 }
-METHODS = ("miniature calibrated", "calibrated ridge", "calibrated local", "miniature closure", "closure local", "cnn")
+METHODS = (
+    *("miniature calibrated", "calibrated ridge", "calibrated local", "miniature closure", "closure local"),
+    *("closure learned", "cnn"),
+)
 
 
 @dataclass(frozen=True)

@@ -46,8 +46,7 @@ class Method:
         return json.dumps(dict(self.options))
 
 
-def _miniature(factor: int, scaling: str, upscaler: str = "bicubic") -> Method:
-    options = {} if upscaler == "bicubic" else {"upscaler": upscaler}
+def _miniature(factor: int, scaling: str, **options: str) -> Method:
     return Method("miniature", {"factor": factor, "scaling": scaling, **options})
 
 
@@ -60,8 +59,9 @@ METHODS: dict[str, Method] = {
     "mini \u00d72 calibrated": _miniature(2, "calibrated"),
     "mini \u00d74 similar": _miniature(4, "similar"),
     "mini \u00d74 calibrated": _miniature(4, "calibrated"),
-    "mini \u00d72 closure, local": _miniature(2, "closure", "local"),
-    "mini \u00d74 closure, local": _miniature(4, "closure", "local"),
+    "mini \u00d72 closure, local": _miniature(2, "closure", upscaler="local"),
+    "mini \u00d74 closure, local": _miniature(4, "closure", upscaler="local"),
+    "mini \u00d74 learned": _miniature(4, "closure", upscaler="local", correction="learned"),
     "cnn": Method("cnn", {}),
 }
 

@@ -12,7 +12,7 @@ from gymnasium.utils.seeding import np_random
 
 from cloth_envs.commands.entries import coarser
 from cloth_envs.commands.policies import open_loop
-from cloth_envs.registry import load_task
+from cloth_envs.registry import SCENES, load_task
 from cloth_envs.scene import Scene
 from cloth_envs.scenes.task import Episode
 from cloth_envs.state import Controls, State
@@ -216,7 +216,9 @@ AXES: dict[str, Axis] = {
     "mass": Axis("mass", (1 / 3, 1 / 2, 1, 2, 3), _mass),
     "resolution": Axis("resolution", (1 / 2, 3 / 4, 1, 3 / 2, 2), _resolution),
     "length": Axis("length of the rollout [frames]", LENGTHS, _length, label="{:g}".format, cut=True),
-    "actions": Axis("actions", range(len(POLICIES)), _actions, label=lambda level: POLICIES[round(level)]),
+    "actions": Axis(
+        "actions", range(len(POLICIES)), _actions, label=lambda level: POLICIES[round(level)], usual=tuple(SCENES)
+    ),
     "wind": Axis("wind speed", (0, 1 / 2, 1, 3 / 2, 2, 3), _wind, ("Flag",)),
     "direction": Axis("wind turned [degrees]", (0, 45, 90, 135, 180), _turned, ("Flag",), "{:g}".format),
     "pressure": Axis("pressure", (0, 1 / 2, 1, 2, 3, 4), _pressure, ("Pressure",)),
