@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from pathlib import Path
 from typing import Any, NoReturn
 
 from cloth_envs import __version__
@@ -95,6 +96,14 @@ def _generate(given: argparse.Namespace) -> NoReturn:
     from training.generate import main as generate
 
     sys.exit(generate([given.scene, *given.options]))
+
+
+def _report(given: argparse.Namespace) -> str:
+    from training.bench.report import write
+
+    own = Path("docs/data"), Path("docs/images")
+    data, images = own if given.data is None else (given.data, given.data)
+    return write(data, given.images or images, given.out)
 
 
 def _run(kind: str, table: dict[str, str], name: str, options: Sequence[str]) -> NoReturn:
@@ -191,6 +200,13 @@ def parser() -> argparse.ArgumentParser:
     sub = command("bench", _bench, "Run a benchmark: " + ", ".join(BENCHMARKS) + ".")
     sub.add_argument("benchmark", metavar="NAME")
     sub.add_argument("options", nargs=argparse.REMAINDER, help="its own options, see `minicloth bench NAME --help`")
+
+    sub = command("report", _report, "One self-contained HTML page of what benchmarks wrote with --out.")
+    sub.add_argument("--data", type=Path, metavar="DIR", help="folder of their rows (default docs/data)")
+    sub.add_argument(
+        "--images", type=Path, metavar="DIR", help="of their charts (default --data, or docs/images for docs/data)"
+    )
+    sub.add_argument("--out", type=Path, metavar="OUT.html", required=True, help="the page")
 
     sub = command("generate", _generate, "Simulate trajectories to learn from; goes on where it was stopped.")
     sub.add_argument("scene", metavar="SCENE", help="a scene that has the preset")

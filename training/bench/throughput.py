@@ -91,6 +91,17 @@ def numpy_ns(size: str, repeats: int) -> float:
     return float(best)
 
 
+def table(rows: Sequence[Row]) -> str:
+    """The rows as text: a line a term, a column a size."""
+    lines = ["ns per vertex and substep, float32: median (best)"]
+    lines += [f"{'one thread, one cloth':24s}" + "".join(f"{f'{s} ({SIZES[s].vertices})':>22s}" for s in SIZES)]
+    for label, threads, batch in [(t, 1, 1) for t in TERMS] + [(DEFAULT, 1, 32), (DEFAULT, 2, 32)]:
+        found = [r for r in rows if (r.term, r.threads, r.batch) == (label, threads, batch)]
+        name = label if batch == 1 else f"32 cloths, {threads} thread{'s' * (threads > 1)}"
+        lines.append(f"{name:24s}" + "".join(f"{f'{r.ns_median:.2f} ({r.ns_best:.2f})':>22s}" for r in found))
+    return "\n".join(lines)
+
+
 def write_rows(path: Path, rows: Sequence[Any]) -> None:
     """Dataclasses as CSV."""
     with open(path, "w", newline="") as file:
@@ -113,12 +124,7 @@ def main(argv: list[str] | None = None) -> int:
 
     rows = [measure(size, term, 1, 1, repeats) for size in SIZES for term in TERMS]
     rows += [measure(size, DEFAULT, t, 32, max(2, repeats // 6)) for size in SIZES for t in (1, 2)]
-    print("\nns per vertex and substep, float32: median (best)")
-    print(f"{'one thread, one cloth':24s}" + "".join(f"{f'{s} ({SIZES[s].vertices})':>22s}" for s in SIZES))
-    for label, threads, batch in [(t, 1, 1) for t in TERMS] + [(DEFAULT, 1, 32), (DEFAULT, 2, 32)]:
-        found = [r for r in rows if (r.term, r.threads, r.batch) == (label, threads, batch)]
-        name = label if batch == 1 else f"32 cloths, {threads} thread{'s' * (threads > 1)}"
-        print(f"{name:24s}" + "".join(f"{f'{r.ns_median:.2f} ({r.ns_best:.2f})':>22s}" for r in found))
+    print("\n" + table(rows))
 
     best = next(r.ns_best for r in rows if (r.size, r.term, r.batch) == ("Curtain", DEFAULT, 1))
     twin = numpy_ns("Curtain", 3 if options.quick else 10)
