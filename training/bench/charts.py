@@ -44,7 +44,7 @@ CURVES = {
     "calibrated local": Curve("calibrated, local network", "#D55E00", "*", "--"),
     "miniature closure": Curve("miniature, closure", "#000000", "p"),
     "closure local": Curve("closure, local network", "#000000", "*", "--"),
-    "closure learned": Curve("closure, local network, learned correction", "#D81B60", "P", "--"),
+    "closure learned": Curve("closure, learned correction", "#D81B60", "P", "--"),
     "cnn": Curve("physics-embedded CNN, full grid", "#4B0082", "h"),
     "calibrated + offset": Curve("calibrated + constant offset", "#D55E00", "+", ":", True),
     "similar + offset": Curve("similar + constant offset", "#E69F00", "+", ":", True),

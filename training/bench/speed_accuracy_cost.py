@@ -13,8 +13,8 @@ from cloth_envs.state import Controls, State
 from training.bench.speed_accuracy_methods import Job, Method
 from training.bench.speed_accuracy_windows import Windows, rounded
 
-RUNS = 7  # timed, after one that warms up
-RUN_MS, LEAST, MOST = 40.0, 3, 400  # ms that a run is to last; frames in it at least and at most
+RUNS, SLOW_RUNS = 21, 7  # timed, after one that warms up; of a method that is SLOW
+RUN_MS, LEAST, MOST = 15.0, 3, 400  # ms that a run is to last; frames in it at least and at most
 SLOW, TOO_SLOW = 50.0, 1000.0  # ms a frame
 BUSY = 0.95  # of a frame's wall clock that one thread computes; below, others had the processor
 
@@ -92,7 +92,8 @@ def cost(
     disturbed, count = [0] * len(methods), [0] * len(methods)
     for run in range(runs + 1):  # the first warms up
         for i, backend in enumerate(built):
-            if isinstance(backend, str) or (times[i] and times[i][0][0] * batch > TOO_SLOW):
+            ms = times[i][0][0] * batch if times[i] else 0.0
+            if isinstance(backend, str) or ms > TOO_SLOW or (ms > SLOW and run > SLOW_RUNS):
                 continue
             taken, bad = timed_run(backend, start, controls, count[i] or 1, threads == 1)
             if run or taken[0] * 1e3 > TOO_SLOW:

@@ -145,7 +145,7 @@ FAMILIES: dict[str, tuple[Builder, Sequence[Mapping[str, Any]]]] = {
     "miniature closure": (lambda job, **o: _miniature("closure", job, **o), FACTORS),
     "closure local": (lambda job, **o: _miniature("closure", job, upscaler="local", **o), FACTORS),
     "closure learned": (
-        lambda job, **o: _miniature("closure", job, upscaler="local", correction="learned", **o),
+        lambda job, **o: _miniature("closure", job, correction="learned", **o),
         ({"factor": 2}, {"factor": 4}),
     ),
     "cnn": (lambda job, **o: make_backend("cnn", job.scene, num_envs=job.num_envs, backend_kwargs=o), ({},)),

@@ -61,7 +61,7 @@ METHODS: dict[str, Method] = {
     "mini \u00d74 calibrated": _miniature(4, "calibrated"),
     "mini \u00d72 closure, local": _miniature(2, "closure", upscaler="local"),
     "mini \u00d74 closure, local": _miniature(4, "closure", upscaler="local"),
-    "mini \u00d74 learned": _miniature(4, "closure", upscaler="local", correction="learned"),
+    "mini \u00d74 learned": _miniature(4, "closure", correction="learned"),
     "cnn": Method("cnn", {}),
 }
 
