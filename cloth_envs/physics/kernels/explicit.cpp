@@ -110,21 +110,26 @@ void Explicit<T>::advance(const Frame<T>& f) const {
   for (std::size_t i = 0; i < bodies.size(); ++i)
     bodies[i] = {f.body_x[i], f.body_v[i] * frame_dt, f.body_x_end[i], f.body_v_end[i] * frame_dt};
 
+  std::vector<BodyStep<T>> moves(w.bodies.size());
+  const auto move_bodies = [&](double s) {
+    for (std::size_t i = 0; i < bodies.size(); ++i) {
+      BodyStep<T>& body = moves[i / 6];
+      T &before = body.before[i / 3 % 2][i % 3], &after = body.after[i / 3 % 2][i % 3];
+      before = after, after = T(bodies[i].position(s));
+    }
+  };
+  for (std::size_t b = 0; b < moves.size(); ++b) {
+    moves[b].plane = w.bodies[b].plane, moves[b].friction = T(w.bodies[b].friction);
+    moves[b].radius = T(w.bodies[b].radius + w.thickness), moves[b].dt = T(dt);
+  }
+  move_bodies(0.0);
+
   for (int k = 0; k < f.substeps; ++k) {
-    const double s0 = double(k) / f.substeps, s1 = double(k + 1) / f.substeps;
+    const double s1 = double(k + 1) / f.substeps;
     if (air) lanes.air[w.wind](g, blow, now, work.air);
     step(g, terms, now, next, work.air, work.edges);
-    for (std::size_t b = 0; b < w.bodies.size(); ++b) {
-      BodyStep<T> body;
-      body.plane = w.bodies[b].plane, body.friction = T(w.bodies[b].friction);
-      body.radius = T(w.bodies[b].radius + w.thickness), body.dt = T(dt);
-      for (int e = 0; e < 2; ++e)
-        for (int c = 0; c < 3; ++c) {
-          const Cubic& path = bodies[6 * b + 3 * e + c];
-          body.before[e][c] = T(path.position(s0)), body.after[e][c] = T(path.position(s1));
-        }
-      lanes.contact(g, body, now, next);
-    }
+    move_bodies(s1);
+    for (const BodyStep<T>& body : moves) lanes.contact(g, body, now, next);
     for (const Driven& h : handles)
       for (int c = 0; c < 3; ++c) {
         const Cubic& path = h.path[c];

@@ -22,12 +22,9 @@ struct FlushDenormals {
 // Cubic Hermite motion over a frame.
 struct Cubic {
   double p0, v0, p1, v1;  // v [per frame]
-  double position(double s) const {
-    return p0 + s * (v0 + s * ((3 * (p1 - p0) - 2 * v0 - v1) + s * (2 * (p0 - p1) + v0 + v1)));
-  }
-  double velocity(double s) const {
-    return v0 + s * (2 * (3 * (p1 - p0) - 2 * v0 - v1) + s * 3 * (2 * (p0 - p1) + v0 + v1));
-  }
+  double c2 = 3 * (p1 - p0) - 2 * v0 - v1, c3 = 2 * (p0 - p1) + v0 + v1;
+  double position(double s) const { return p0 + s * (v0 + s * (c2 + s * c3)); }
+  double velocity(double s) const { return v0 + s * (2 * c2 + s * 3 * c3); }
 };
 
 // A driven vertex; one that is held still costs two stores a substep.
