@@ -108,15 +108,20 @@ class Ridge(Local):
     method = "ridge"
 
 
+def stored(method: str, scene: str, factor: int) -> dict[str, np.ndarray]:
+    """Weights of an upscaler, empty if there are none."""
+    name, prefix = weights_name(method, scene), f"{factor}."
+    arrays = load(name).arrays if (WEIGHTS / f"{name}.safetensors").is_file() else {}
+    return {key[len(prefix) :]: value for key, value in arrays.items() if key.startswith(prefix)}
+
+
 def shipped(method: str, scene: str, factor: int) -> dict[str, np.ndarray]:
     """Weights of an upscaler.
 
     Raises:
         ValueError: there are none.
     """
-    name, prefix = weights_name(method, scene), f"{factor}."
-    stored = load(name).arrays if (WEIGHTS / f"{name}.safetensors").is_file() else {}
-    arrays = {key[len(prefix) :]: value for key, value in stored.items() if key.startswith(prefix)}
+    arrays = stored(method, scene, factor)
     if not arrays:
         raise ValueError(
             f'upscaler="{method}" has no weights for {scene} at factor {factor}: use upscaler="bicubic", or train it '

@@ -13,14 +13,20 @@ from cloth_envs.physics.solver import reference
 from cloth_envs.resample import resample
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from surrogates.calibrated import load_factors
+from surrogates.calibrated import card, load_factors
 from surrogates.coarse import SCALINGS, coarse_scene, miniature_material
 from surrogates.dynamics import Corrected, Correction, shipped
+from surrogates.local import stored
 from surrogates.project import Projection
 from surrogates.upscaler import make_upscaler
 
 CLOTH = ("positions", "velocities")
 CORRECTIONS = ("learned",)
+
+
+def learned(scene: str, factor: int) -> bool:
+    """Whether a closure and a local upscaler are shipped for 1/``factor`` of a scene."""
+    return scene in card("closure")["scenes"] and bool(stored("local", scene, factor))
 
 
 class UpscaledState(State):
@@ -57,7 +63,8 @@ class MiniatureBackend:
         factor: 2, 3 or 4, how many times fewer cells along each side.
         scaling: ``"similar"`` (the sheet's own material), ``"seed"`` (the paper's spring constants, ``factor^2``
             times too stiff), ``"calibrated"`` (factors fitted per scene), ``"closure"`` (those and a law of springs
-            in compression, fitted too).
+            in compression, fitted too). With neither this nor an upscaler given, ``"closure"`` and ``"local"`` where
+            both are shipped for the scene, else, and if only one is given, ``"similar"`` and ``"bicubic"``.
         factors: of a calibration of your own, ``{material property: multiplier}``, instead of the shipped ones.
         upscaler: an interpolation, ``"bilinear"``, ``"biquadratic"`` or ``"bicubic"``, or a network by name.
         correction: ``"learned"``, a network that corrects the coarse cloth after every frame (``dynamics``).
@@ -74,9 +81,9 @@ class MiniatureBackend:
         *,
         num_envs: int = 1,
         factor: int = 2,
-        scaling: str = "similar",
+        scaling: str | None = None,
         factors: Mapping[str, float] | None = None,
-        upscaler: str = "bicubic",
+        upscaler: str | None = None,
         correction: str | None = None,
         threads: int = 1,
         solver: str = "explicit",
@@ -84,9 +91,12 @@ class MiniatureBackend:
     ) -> None:
         if isinstance(factor, bool) or factor not in (2, 3, 4):
             raise ValueError(f"factor must be 2, 3 or 4, got {factor!r}")
+        if scaling is None and upscaler is None and solver == "explicit" and learned(scene.name, factor):
+            scaling, upscaler = "closure", "local"
+        scaling, upscaler = scaling or "similar", upscaler or "bicubic"
         if scaling not in SCALINGS:
             raise unknown_name("scaling", scaling, SCALINGS)
-        self.scene, self.factor, self.scaling = scene, factor, scaling
+        self.scene, self.factor, self.scaling, self.upscaler = scene, factor, scaling, upscaler
         fitted = scaling in ("calibrated", "closure")
         if factors is not None and not fitted:
             raise ValueError(f'factors need scaling="calibrated" or "closure", got scaling={scaling!r}')

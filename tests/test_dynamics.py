@@ -172,7 +172,7 @@ def test_corrections_that_fit_nothing_are_refused() -> None:
     scene = World("Curtain").scene
     for options, words in (
         ({"correction": "lerned", "scaling": "closure"}, "learned"),
-        ({"correction": "learned"}, 'scaling="closure"'),
+        ({"correction": "learned", "scaling": "similar"}, 'scaling="closure"'),
         ({"correction": "learned", "scaling": "closure", "factor": 3}, "minicloth train dynamics"),
     ):
         with pytest.raises(ValueError, match=words):

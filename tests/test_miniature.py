@@ -162,6 +162,20 @@ def test_each_scaling_is_nearer_to_the_reference_than_the_one_before() -> None:
     assert errors == sorted(errors, reverse=True)
 
 
+def test_by_default_it_takes_what_is_shipped_for_the_scene() -> None:
+    scene = World("Curtain").scene
+    chosen = MiniatureBackend(scene)
+    assert (chosen.scaling, chosen.upscaler) == ("closure", "local")
+    elsewhere: dict[str, Any]
+    for case, elsewhere in (
+        (replace(scene, name="Rug"), {}),
+        (scene, {"solver": "admm"}),
+        (scene, {"factor": 4, "upscaler": "bilinear"}),
+    ):
+        plain = MiniatureBackend(case, **elsewhere)
+        assert (plain.scaling, plain.upscaler) == ("similar", elsewhere.get("upscaler", "bicubic"))
+
+
 def test_bad_arguments_name_the_remedy() -> None:
     for kwargs, words in (
         ({"factor": 5}, "2, 3 or 4"),

@@ -135,6 +135,10 @@ def _length(base: Base, level: float) -> Stage:
     return episode(base, round(level))
 
 
+def _random(base: Base, level: float) -> Stage:
+    return episode(base, round(level), "random")
+
+
 def _free(base: Base, level: float) -> Stage:
     """No force from outside: no handles, gravity, air or bodies, and smooth random velocities."""
     stage = episode(base, round(level))
@@ -218,6 +222,10 @@ AXES: dict[str, Axis] = {
     "length": Axis("length of the rollout [frames]", LENGTHS, _length, label="{:g}".format, cut=True),
     "actions": Axis(
         "actions", range(len(POLICIES)), _actions, label=lambda level: POLICIES[round(level)], usual=tuple(SCENES)
+    ),
+    "random": Axis(
+        "random actions at every frame [frames]", (10, 25, 50, 100, 150), _random, label="{:g}".format, cut=True,
+        usual=tuple(SCENES),
     ),
     "wind": Axis("wind speed", (0, 1 / 2, 1, 3 / 2, 2, 3), _wind, ("Flag",)),
     "direction": Axis("wind turned [degrees]", (0, 45, 90, 135, 180), _turned, ("Flag",), "{:g}".format),
