@@ -29,20 +29,29 @@ def learned(scene: str, factor: int) -> bool:
     return scene in card("closure")["scenes"] and bool(stored("local", scene, factor))
 
 
+class Upscaled:
+    """A field of the cloth that is upscaled when it is first read, and then kept."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    def __get__(self, state: Any, owner: type | None = None) -> np.ndarray:
+        if state is None:
+            raise AttributeError(self._name)
+        value = state.__dict__[self._name] = state._upscale(state, self._name)
+        return value
+
+
 class UpscaledState(State):
     """A state whose cloth is upscaled when it is first read."""
+
+    positions = Upscaled()
+    velocities = Upscaled()
 
     def __init__(self, coarse: State, upscale: Callable[[State, str], np.ndarray]) -> None:
         self._upscale, self._batch = upscale, coarse.batch
         self.colliders, self.collider_velocities = coarse.colliders, coarse.collider_velocities
         self.wind, self.pressure, self.time = coarse.wind, coarse.pressure, coarse.time
-
-    def __getattr__(self, name: str) -> np.ndarray:
-        if name not in CLOTH:
-            raise AttributeError(name)
-        value = self._upscale(self, name)
-        setattr(self, name, value)
-        return value
 
     @property
     def batch(self) -> int:
@@ -179,15 +188,16 @@ class MiniatureBackend:
     def advance(self, controls: Controls) -> State:
         coarse = self.coarse.advance(self._handles.controls(controls, self._offsets))
         self._history = history = [*self._history[1:], coarse]
-        driven = {"positions": controls.handle_positions, "velocities": controls.handle_velocities}
 
         def upscale(state: State, name: str) -> np.ndarray:
             fine = getattr(self._up, name)(history)
-            self._handles.place(fine, driven[name], self._held)
             if name == "positions":
+                self._handles.place(fine, controls.handle_positions, self._held)
                 self.contact.positions(fine, state)
-            elif self.scene.colliders:
-                self.contact.velocities(fine, state.positions, state)
+            else:
+                self._handles.place(fine, controls.handle_velocities, self._held)
+                if self.scene.colliders:
+                    self.contact.velocities(fine, state.positions, state)
             return fine
 
         self._state = UpscaledState(coarse, upscale)

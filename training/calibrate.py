@@ -32,8 +32,8 @@ from training.bench.truth import Case, cache_folder, length, load
 HORIZONS = {"calibrated": 5, "closure": 10}  # frames of a window
 NAMES = {"calibrated": FACTORS, "closure": CLOSURE}
 SPACING = 10  # frames from one window to the next
-# A closure takes at most the calibrated cloth's substeps and MOST_SUBSTEPS times the similar one's; as many beyond cost
-# SUBSTEPS_PRICE of the loss.
+# A closure takes at most the calibrated cloth's substeps and so many times (--substeps) the similar one's; as many
+# beyond cost SUBSTEPS_PRICE of the loss.
 MOST_SUBSTEPS, SUBSTEPS_PRICE = 1.3, 2.0
 FIT_SEEDS, HELD_OUT_SEEDS = (100, 101, 102, 103), (200, 201, 202)
 SETTLE = 0.5  # s of the episode before the first window
@@ -107,7 +107,7 @@ def errors(data: Windows, factor: int, **options: Any) -> tuple[np.ndarray, int]
     return np.array(found), int(backend.coarse.substeps[0])  # type: ignore[attr-defined]
 
 
-def fit(data: Windows, factor: int, scaling: str, evaluations: int) -> dict[str, float]:
+def fit(data: Windows, factor: int, scaling: str, evaluations: int, most: float = MOST_SUBSTEPS) -> dict[str, float]:
     """Factors within bounds that make the windows' mean error over all frames least (Nelder-Mead, logarithms).
 
     The closure's errors are those over the calibrated one's of the same frame, so that the first frame counts too.
@@ -117,8 +117,8 @@ def fit(data: Windows, factor: int, scaling: str, evaluations: int) -> dict[str,
     if scaling == "closure":
         calibrated = load_factors(data.scene.name, factor)
         begin, limits, price = calibrated | CLOSURE_START, CLOSURE_BOUNDS, SUBSTEPS_PRICE
-        found, most = errors(data, factor, scaling=scaling, factors=calibrated)
-        base, usual = found.mean(1), min(most, MOST_SUBSTEPS * errors(data, factor, scaling="similar")[1])
+        found, own = errors(data, factor, scaling=scaling, factors=calibrated)
+        base, usual = found.mean(1), min(own, most * errors(data, factor, scaling="similar")[1])
     bounds = np.log([limits[name] for name in names])
     start = np.log([begin.get(name, 1.0) for name in names]).clip(*bounds.T)
     with tqdm(total=evaluations, desc=f"{data.scene.name} 1/{factor}", disable=None) as bar:
@@ -155,6 +155,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--scenes", nargs="*", default=list(SCENES))
     parser.add_argument("--factors", nargs="*", type=int, default=[2, 3, 4])
     parser.add_argument("--evaluations", type=int, default=200, help="of the loss, per fit")
+    parser.add_argument(
+        "--substeps", type=float, default=MOST_SUBSTEPS, help="of a closure, over those of the scene's own material"
+    )
     parser.add_argument("--out", type=Path, help="default: the shipped file of the scaling")
     parser.add_argument("--fresh", action="store_true", help="fit again what the file holds already")
     options = parser.parse_args(argv)
@@ -170,14 +173,15 @@ def main(argv: list[str] | None = None) -> int:
         frames = HORIZONS[scaling]
         fitted, held_out = (windows(scene, seeds, frames, cache_folder()) for seeds in (FIT_SEEDS, HELD_OUT_SEEDS))
         for factor in wanted:
-            entry = card(fitted, held_out, factor, scaling, fit(fitted, factor, scaling, options.evaluations))
+            factors = fit(fitted, factor, scaling, options.evaluations, options.substeps)
+            entry = card(fitted, held_out, factor, scaling, factors)
+            entry["fit"] = {"evaluations": options.evaluations, "substeps": options.substeps}
             known["scenes"].setdefault(scene, {})[str(factor)] = entry
             known["about"] = {
                 "errors": "mean vertex error of the coarse cloth, % of the cloth's length, after so many frames",
                 "fit seeds": FIT_SEEDS,
                 "held-out seeds": HELD_OUT_SEEDS,
                 "windows a seed": WINDOWS,
-                "evaluations": options.evaluations,
                 "truth": "explicit, float64, a quarter of the stable step",
                 **header(),
             }
