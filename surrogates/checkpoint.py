@@ -58,3 +58,19 @@ def load(name: str, folder: Path = WEIGHTS) -> Checkpoint:
             "restore both files, or train it anew"
         )
     return Checkpoint(parse(data), card)
+
+
+def of_factor(name: str, factor: int) -> dict[str, np.ndarray]:
+    """The shipped arrays ``<factor>.<array>`` of a scene's checkpoint by the array's name; empty if there are none."""
+    prefix = f"{factor}."
+    arrays = load(name).arrays if (WEIGHTS / f"{name}.safetensors").is_file() else {}
+    return {key[len(prefix) :]: value for key, value in arrays.items() if key.startswith(prefix)}
+
+
+def written(name: str, folder: Path) -> Checkpoint:
+    """All arrays of such a checkpoint in ``folder``, read anew, and what its card says of every factor."""
+    if not (folder / f"{name}.safetensors").is_file():
+        return Checkpoint({}, {})
+    load.cache_clear()
+    arrays, card = load(name, folder)
+    return Checkpoint(dict(arrays), dict(card["factors"]))

@@ -17,7 +17,7 @@ from _minicloth_kernels import Correct
 from cloth_envs.backend import Backend
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from surrogates.checkpoint import WEIGHTS, load
+from surrogates.checkpoint import of_factor
 
 AROUND = np.array([(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)])
 # Vertices whose difference to a vertex it reads, (rows, columns) away: of positions, velocities and their change.
@@ -201,9 +201,7 @@ def shipped(scene: str, factor: int) -> dict[str, np.ndarray]:
     Raises:
         ValueError: there is none.
     """
-    name, prefix = weights_name(scene), f"{factor}."
-    stored = load(name).arrays if (WEIGHTS / f"{name}.safetensors").is_file() else {}
-    arrays = {key[len(prefix) :]: value for key, value in stored.items() if key.startswith(prefix)}
+    arrays = of_factor(weights_name(scene), factor)
     if not arrays:
         raise ValueError(
             f'correction="learned" has no weights for {scene} at factor {factor}: leave it out, or train one with '

@@ -17,7 +17,7 @@ from cloth_envs.material import Material
 from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
-from surrogates.checkpoint import WEIGHTS, load
+from surrogates.checkpoint import of_factor
 from surrogates.local_features import LIMIT, answer, features, flat_features, spacing, stiffness_numbers
 from surrogates.patches import dense_grid, squares
 
@@ -108,20 +108,13 @@ class Ridge(Local):
     method = "ridge"
 
 
-def stored(method: str, scene: str, factor: int) -> dict[str, np.ndarray]:
-    """Weights of an upscaler, empty if there are none."""
-    name, prefix = weights_name(method, scene), f"{factor}."
-    arrays = load(name).arrays if (WEIGHTS / f"{name}.safetensors").is_file() else {}
-    return {key[len(prefix) :]: value for key, value in arrays.items() if key.startswith(prefix)}
-
-
 def shipped(method: str, scene: str, factor: int) -> dict[str, np.ndarray]:
     """Weights of an upscaler.
 
     Raises:
         ValueError: there are none.
     """
-    arrays = stored(method, scene, factor)
+    arrays = of_factor(weights_name(method, scene), factor)
     if not arrays:
         raise ValueError(
             f'upscaler="{method}" has no weights for {scene} at factor {factor}: use upscaler="bicubic", or train it '

@@ -14,9 +14,10 @@ from cloth_envs.resample import resample
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from surrogates.calibrated import card, load_factors
+from surrogates.checkpoint import of_factor
 from surrogates.coarse import SCALINGS, coarse_scene, miniature_material
 from surrogates.dynamics import Corrected, Correction, shipped
-from surrogates.local import stored
+from surrogates.local import weights_name
 from surrogates.project import Projection
 from surrogates.upscaler import make_upscaler
 
@@ -26,7 +27,7 @@ CORRECTIONS = ("learned",)
 
 def learned(scene: str, factor: int) -> bool:
     """Whether a closure and a local upscaler are shipped for 1/``factor`` of a scene."""
-    return scene in card("closure")["scenes"] and bool(stored("local", scene, factor))
+    return scene in card("closure")["scenes"] and bool(of_factor(weights_name("local", scene), factor))
 
 
 class Upscaled:

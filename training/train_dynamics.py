@@ -24,7 +24,7 @@ from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
 from cloth_envs.registry import SCENES
 from surrogates.calibrated import load_factors
-from surrogates.checkpoint import WEIGHTS, load, save
+from surrogates.checkpoint import WEIGHTS, save, written
 from surrogates.dynamics import ARRAYS, LAYERS, Correction, weights_name
 from surrogates.miniature import MiniatureBackend
 from training.bench.truth import cache_folder
@@ -200,7 +200,7 @@ def _rows(field: np.ndarray) -> np.ndarray:
 def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: Path) -> None:
     """Fit and write the corrections of a scene; what ``out`` holds of this recipe and these factors is kept."""
     name = weights_name(scene)
-    arrays, done = _written(name, out)
+    arrays, done = written(name, out)
     for factor in factors:
         settings = asdict(recipe) | {"factors": load_factors(scene, factor, recipe.scaling)}
         if done.get(str(factor), {}).get("trained with") == settings:
@@ -229,15 +229,6 @@ def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: 
         }
         save(name, arrays, _card(scene) | {"factors": done}, out)
         print(f"{scene} 1/{factor} {seconds} s: {shown}", flush=True)
-
-
-def _written(name: str, out: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """What ``out`` holds of a scene: arrays, and what its card says of every factor."""
-    if not (out / f"{name}.safetensors").is_file():
-        return {}, {}
-    load.cache_clear()
-    arrays, card = load(name, out)
-    return dict(arrays), dict(card["factors"])
 
 
 def _card(scene: str) -> dict[str, Any]:

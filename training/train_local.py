@@ -30,7 +30,7 @@ from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from cloth_envs.world import World
-from surrogates.checkpoint import WEIGHTS, load, save
+from surrogates.checkpoint import WEIGHTS, save, written
 from surrogates.coarse import coarse_grid
 from surrogates.local import Local, Ridge, weights_name
 from surrogates.local_features import LIMIT, flat_features
@@ -170,7 +170,7 @@ def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: 
     mark = hashlib.sha256(json.dumps(settings).encode()).hexdigest()[:12]
     for factor, kind in product(factors, (Ridge, Local)):
         name, coarse = weights_name(kind.method, scene), small(data.scene, factor)
-        arrays, done = _written(name, out)
+        arrays, done = written(name, out)
         if done.get(str(factor), {}).get("trained with") == settings:
             continue
         chosen, began = pairs(data, factor, recipe.patches, recipe.seed), process_time()
@@ -196,15 +196,6 @@ def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: 
         }
         save(name, arrays, _card(scene, kind.method) | {"factors": done}, out)
         print(f"{scene} 1/{factor} {kind.method}: {shown}", flush=True)
-
-
-def _written(name: str, out: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """What ``out`` holds of a scene: arrays, and what its card says of every factor."""
-    if not (out / f"{name}.safetensors").is_file():
-        return {}, {}
-    load.cache_clear()
-    arrays, card = load(name, out)
-    return dict(arrays), dict(card["factors"])
 
 
 def _card(scene: str, method: str) -> dict[str, Any]:
