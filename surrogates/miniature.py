@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from _minicloth_kernels import inspect
 
 from cloth_envs.material import Material
 from cloth_envs.naming import unknown_name
@@ -23,6 +24,7 @@ from surrogates.upscaler import make_upscaler
 
 CLOTH = ("positions", "velocities")
 CORRECTIONS = ("learned",)
+GUARD = 0.5  # strain
 
 
 def learned(scene: str, factor: int) -> bool:
@@ -77,6 +79,8 @@ class MiniatureBackend:
             both are shipped for the scene, else, and if only one is given, ``"similar"`` and ``"bicubic"``.
         factors: of a calibration of your own, ``{material property: multiplier}``, instead of the shipped ones.
         upscaler: an interpolation, ``"bilinear"``, ``"biquadratic"`` or ``"bicubic"``, or a network by name.
+        guard: interpolate a cloth bicubically in frames in which the network would strain an edge by over ``GUARD``;
+            ``guarded`` tells the last frame's.
         correction: ``"learned"``, a network that corrects the coarse cloth after every frame (``dynamics``).
         solver: of the coarse cloth, as for ``backend="reference"``. threads: over members of the batch.
         solver_kwargs: its other options.
@@ -94,6 +98,7 @@ class MiniatureBackend:
         scaling: str | None = None,
         factors: Mapping[str, float] | None = None,
         upscaler: str | None = None,
+        guard: bool = False,
         correction: str | None = None,
         threads: int = 1,
         solver: str = "explicit",
@@ -123,8 +128,9 @@ class MiniatureBackend:
                 raise ValueError(f'correction={correction!r} was trained on scaling="closure", got scaling={scaling!r}')
             self.coarse = Corrected(self.coarse, Correction(coarse, shipped(scene.name, factor)))
         self._up = make_upscaler(upscaler, coarse, scene, factor)
+        self._guard, self._bicubic = guard, make_upscaler("bicubic", coarse, scene, factor)
         self._held = np.array(scene.handles, np.int32)
-        self.contact = Projection(scene)
+        self.contact, self.guarded = Projection(scene), np.zeros(num_envs, bool)
         self._state: State | None = None
 
     def _effective(self, material: Material) -> Material:
@@ -194,6 +200,8 @@ class MiniatureBackend:
             fine = getattr(self._up, name)(history)
             if name == "positions":
                 self._handles.place(fine, controls.handle_positions, self._held)
+                if self._guard:
+                    self._fall_back(fine, history, controls)
                 self.contact.positions(fine, state)
             else:
                 self._handles.place(fine, controls.handle_velocities, self._held)
@@ -203,3 +211,13 @@ class MiniatureBackend:
 
         self._state = UpscaledState(coarse, upscale)
         return self._state
+
+    def _fall_back(self, fine: np.ndarray, history: Sequence[State], controls: Controls) -> None:
+        """Change strained members of ``fine`` into what interpolation makes of them."""
+        grid = self.scene.grid
+        found = inspect(fine, fine, grid.row_spacing, grid.col_spacing, grid.periodic)
+        self.guarded = np.array([not strain <= GUARD for _, strain, _ in found])
+        if self.guarded.any():
+            plain = self._bicubic.positions(history)
+            self._handles.place(plain, controls.handle_positions, self._held)
+            fine[self.guarded] = plain[self.guarded]

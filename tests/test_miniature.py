@@ -176,6 +176,34 @@ def test_by_default_it_takes_what_is_shipped_for_the_scene() -> None:
         assert (plain.scaling, plain.upscaler) == ("similar", elsewhere.get("upscaler", "bicubic"))
 
 
+def test_the_guard_interpolates_what_a_network_tears() -> None:
+    scene = World("Hanging").scene
+    backend, plain = (
+        MiniatureBackend(scene, num_envs=2, factor=4, scaling="closure", **o)
+        for o in ({"upscaler": "local", "guard": True}, {"upscaler": "bicubic"})
+    )
+    world = World("Hanging", num_envs=2)
+    world.reset({i: np_random(i)[0] for i in range(2)})
+    state = world.state
+    controls = Controls.hold(state, scene.handles)
+    for one in (backend, plain):
+        one.reset(state)
+    calm = backend.advance(controls).positions
+    assert not backend.guarded.any()
+    assert not np.array_equal(calm, plain.advance(controls).positions)
+    sound = backend._up.positions
+
+    def torn(history: Any) -> np.ndarray:
+        fine = sound(history)
+        fine[1, :, 30, 30] += scene.grid.row_spacing
+        return fine
+
+    backend._up.positions = torn  # type: ignore[method-assign]
+    saved, wanted = backend.advance(controls).positions, plain.advance(controls).positions
+    assert backend.guarded.tolist() == [False, True]
+    assert np.array_equal(saved[1], wanted[1])
+
+
 def test_bad_arguments_name_the_remedy() -> None:
     for kwargs, words in (
         ({"factor": 5}, "2, 3 or 4"),

@@ -46,7 +46,7 @@ class Method:
         return json.dumps(dict(self.options))
 
 
-def _miniature(factor: int, scaling: str, **options: str) -> Method:
+def _miniature(factor: int, scaling: str, **options: object) -> Method:
     return Method("miniature", {"factor": factor, "scaling": scaling, **options})
 
 
@@ -61,6 +61,7 @@ METHODS: dict[str, Method] = {
     "mini \u00d74 calibrated": _miniature(4, "calibrated"),
     "mini \u00d72 closure, local": _miniature(2, "closure", upscaler="local"),
     "mini \u00d74 closure, local": _miniature(4, "closure", upscaler="local"),
+    "mini \u00d74 guarded": _miniature(4, "closure", upscaler="local", guard=True),
     "mini \u00d74 learned": _miniature(4, "closure", correction="learned"),
     "cnn": Method("cnn", {}),
 }
