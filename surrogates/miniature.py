@@ -111,6 +111,8 @@ class MiniatureBackend:
         scaling, upscaler = scaling or "similar", upscaler or "bicubic"
         if scaling not in SCALINGS:
             raise unknown_name("scaling", scaling, SCALINGS)
+        if not isinstance(guard, bool):
+            raise ValueError(f"guard must be True or False, got {guard!r}")
         self.scene, self.factor, self.scaling, self.upscaler = scene, factor, scaling, upscaler
         fitted = scaling in ("calibrated", "closure")
         if factors is not None and not fitted:

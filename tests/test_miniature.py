@@ -212,6 +212,7 @@ def test_bad_arguments_name_the_remedy() -> None:
         ({"solver": "explict"}, "'explicit'"),
         ({"solver_kwargs": {"thread": 1}}, "'threads'"),
         ({"faktor": 2}, "'factor'"),
+        ({"guard": "yes"}, "True or False"),
     ):
         with pytest.raises(ValueError, match=words):
             make("Flag", **kwargs)
