@@ -114,3 +114,9 @@ class Grid:
         r = np.linspace(0, self.rows - 1, rows).round().astype(int)
         c = np.linspace(0, self.cols - 1, cols).round().astype(int)
         return (r[:, None] * self.cols + c).ravel()
+
+
+def coarser(resolution: tuple[int, int], factor: float) -> tuple[int, int]:
+    """A grid of the same size with about ``factor`` times the spacing (1/2: half of it), exactly where it divides."""
+    rows, cols = (max(3, round((n - 1) / factor) + 1) for n in resolution)
+    return rows, cols

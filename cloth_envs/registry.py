@@ -30,23 +30,23 @@ EPISODE_FRAMES: dict[str, int] = {
 # preset -> scene -> "module:Task class", resolved on use; see cloth_envs.presets.
 PRESETS: dict[str, dict[str, str]] = {
     "lee2019": {
-        "Curtain": "cloth_envs.scenes.lee2019:Curtain2019",
-        "Flag": "cloth_envs.scenes.lee2019:Flag2019",
-        "Collision": "cloth_envs.scenes.lee2019:Collision2019",
+        "Curtain": "cloth_envs.presets.lee2019:Curtain2019",
+        "Flag": "cloth_envs.presets.lee2019:Flag2019",
+        "Collision": "cloth_envs.presets.lee2019:Collision2019",
     },
     "zhao2024": {
-        "Pressure": "cloth_envs.scenes.zhao2024:Blow2024",
-        "Hanging": "cloth_envs.scenes.zhao2024:Hang2024",
-        "BallDrop": "cloth_envs.scenes.zhao2024:Ball2024",
+        "Pressure": "cloth_envs.presets.zhao2024:Blow2024",
+        "Hanging": "cloth_envs.presets.zhao2024:Hang2024",
+        "BallDrop": "cloth_envs.presets.zhao2024:Ball2024",
     },
-    "zhao2024-fall": {"Pressure": "cloth_envs.scenes.zhao2024:Fall2024"},
+    "zhao2024-fall": {"Pressure": "cloth_envs.presets.zhao2024:Fall2024"},
 }
 
 # name -> "module:class or function that makes a Backend", resolved on use.
 BACKENDS: dict[str, str] = {
-    "cnn": "surrogates.physics_cnn:cnn",
+    "cnn": "surrogates.cell.backend:cnn",
     "reference": "cloth_envs.physics.solver:reference",
-    "miniature": "surrogates.miniature:MiniatureBackend",
+    "miniature": "surrogates.miniature.backend:MiniatureBackend",
 }
 
 

@@ -7,8 +7,8 @@ import numpy as np
 from cloth_envs.backend import make_backend
 from cloth_envs.state import State
 from cloth_envs.world import World
-from surrogates.coarse import coarse_scene
-from surrogates.upscaler import make_upscaler
+from surrogates.miniature.coarse import coarse_scene
+from surrogates.upscale.protocol import make_upscaler
 
 
 def main(upscaler: str) -> None:

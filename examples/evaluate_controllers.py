@@ -6,9 +6,9 @@ import argparse
 
 import gymnasium as gym
 import numpy as np
-from controllers import CONTROLLERS
 
 import cloth_envs
+from cloth_envs.policies import CONTROLLERS
 
 
 def evaluate(scene: str, policy: str, *, episodes: int, frames: int | None = None) -> np.ndarray:

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
-from controllers import CONTROLLERS
 from PIL import Image
 
 import cloth_envs
+from cloth_envs.policies import CONTROLLERS
 
 OUT = Path(__file__).parents[1] / "docs" / "images" / "gallery.png"
 # Seed, frames, whether the controller acts.

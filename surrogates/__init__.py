@@ -1,1 +1,1 @@
-"""Learned backends; none yet."""
+"""Learned backends."""

@@ -12,15 +12,17 @@ import numpy as np
 import pytest
 
 from cloth_envs.backend import Backend
-from cloth_envs.physics.budget import slow_motion
-from cloth_envs.physics.reference import hermite
+from cloth_envs.physics.laws.budget import slow_motion
+from cloth_envs.physics.laws.drives import hermite
 from cloth_envs.registry import SCENES
 from cloth_envs.scene import Scene
-from training.bench import chaos, convergence, cost, summary, sweep, verdict
+from training.bench import cost, summary, sweep, verdict
 from training.bench.configurations import Config, choose, label
+from training.bench.convergence import chaos
+from training.bench.convergence import run as convergence
 from training.bench.solvers import main, measure, parse
-from training.bench.store import Store, read_rows
 from training.bench.truth import Case, Truth, length, load, record, replay, retime, vertex_error
+from training.rows import Store, read_rows
 
 EXPLICIT = Config("explicit", {})
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from training.bench import tables
+from training.bench.papers import run as tables
 
 
 def test_distance_is_the_mean_over_frames_and_vertices() -> None:

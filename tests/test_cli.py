@@ -14,16 +14,16 @@ import pytest
 from imageio_ffmpeg import count_frames_and_secs
 
 import cloth_envs
-from cloth_envs.cli import main
-from cloth_envs.commands.chart import spread
-from cloth_envs.commands.entries import Entry, choose_entries, coarser
+from cloth_envs.commands.cli import main
+from cloth_envs.commands.entries import Entry, choose_entries
 from cloth_envs.commands.measure import compare, restart
-from cloth_envs.commands.policies import POLICIES, open_loop
-from cloth_envs.grid import Grid
-from cloth_envs.physics.explicit import ExplicitSolver
+from cloth_envs.grid import Grid, coarser
+from cloth_envs.physics.explicit.solver import ExplicitSolver
+from cloth_envs.policies import POLICIES, open_loop
 from cloth_envs.recording import Rollout
 from cloth_envs.registry import load_task
 from cloth_envs.resample import cubic, resample
+from cloth_envs.style import spread
 
 ROOT = Path(__file__).parents[1]
 

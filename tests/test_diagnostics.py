@@ -10,8 +10,9 @@ import pytest
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.budget import budget, implicit_residual, slow_motion
-from cloth_envs.physics.diagnostics import (
+from cloth_envs.physics.explicit.solver import ExplicitSolver
+from cloth_envs.physics.laws.budget import budget, implicit_residual, slow_motion
+from cloth_envs.physics.laws.diagnostics import (
     angular_momentum,
     depths,
     energy,
@@ -19,7 +20,6 @@ from cloth_envs.physics.diagnostics import (
     penetration,
     strain,
 )
-from cloth_envs.physics.explicit import ExplicitSolver
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
 

@@ -15,8 +15,8 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 from surrogates.checkpoint import WEIGHTS, load
-from surrogates.dynamics import ARRAYS, Corrected, Correction, shipped, weights_name
-from surrogates.miniature import MiniatureBackend
+from surrogates.miniature.backend import MiniatureBackend
+from surrogates.miniature.correction import ARRAYS, Corrected, Correction, shipped, weights_name
 from training.dynamics_data import Course, episodes
 from training.train_dynamics import LIMIT, Recipe, Trainer, main
 

@@ -9,9 +9,9 @@ import h5py
 import numpy as np
 import pytest
 
-from cloth_envs.scenes.lee2019 import Flag2019
-from surrogates.coarse import coarse_grid
-from surrogates.miniature import MiniatureBackend
+from cloth_envs.presets.lee2019 import Flag2019
+from surrogates.miniature.backend import MiniatureBackend
+from surrogates.miniature.coarse import coarse_grid
 from training import generate as module
 from training.dataset import INPUTS, Pairs, data_hash, read, shards
 from training.generate import Plan, draw, generate, main, simulate, task_of

@@ -20,11 +20,11 @@ from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 from surrogates.checkpoint import WEIGHTS, load
-from surrogates.coarse import coarse_grid
-from surrogates.local import Local, Ridge, weights_name
-from surrogates.miniature import MiniatureBackend
+from surrogates.miniature.backend import MiniatureBackend
+from surrogates.miniature.coarse import coarse_grid
+from surrogates.upscale.local import Local, Ridge, weights_name
 from training.local_data import cached, pairs, simulate, small, varied
-from training.metrics_contact import inside
+from training.metrics.contact import inside
 from training.train_local import SHOWN, Recipe, centred, errors, fit_net, fit_ridge
 
 METHODS = (Local, Ridge)

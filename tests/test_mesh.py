@@ -10,7 +10,7 @@ import pytest
 
 from cloth_envs.registry import load_task
 from training.bench.mesh import METHODS, Changed, decimated, gather, main, measure
-from training.bench.speed_accuracy_methods import Method
+from training.bench.participants import Method
 from training.bench.truth import Case, load
 
 

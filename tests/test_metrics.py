@@ -14,9 +14,7 @@ from cloth_envs.recording import RolloutWriter
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import State
 from training import metrics
-from training import metrics_contact as contact
-from training import metrics_detail as detail
-from training import metrics_errors as errors
+from training.metrics import contact, detail, errors
 
 GRID = Grid(9, 13, 0.8, 1.2)  # spacing 0.1 m
 V, U = (0.1 * i for i in np.indices(GRID.shape))

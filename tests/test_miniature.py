@@ -13,14 +13,14 @@ from gymnasium.utils.seeding import np_random
 import cloth_envs
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.explicit import ExplicitSolver
+from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.registry import SCENES
 from cloth_envs.resample import KINDS
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
-from surrogates.coarse import Handles, coarse_grid, miniature_material
-from surrogates.miniature import MiniatureBackend, UpscaledState
+from surrogates.miniature.backend import MiniatureBackend, UpscaledState
+from surrogates.miniature.coarse import Handles, coarse_grid, miniature_material
 
 SMALL = {"Curtain": (49, 33), "Flag": (17, 25), "Collision": (25, 17)}
 

@@ -9,8 +9,8 @@ import pytest
 
 from cloth_envs.grid import Grid
 from cloth_envs.particles import Particles
-from cloth_envs.physics import reference_particles as twin
-from cloth_envs.physics.particles import NEIGHBOURS, Cell, ParticleSolver, make_kernel, mass_spring_cell
+from cloth_envs.physics.laws import particles as twin
+from cloth_envs.physics.particles.solver import NEIGHBOURS, Cell, ParticleSolver, make_kernel, mass_spring_cell
 from cloth_envs.physics.solver import reference
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State

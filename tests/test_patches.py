@@ -15,10 +15,10 @@ from cloth_envs.presets import load_preset
 from cloth_envs.resample import Resampler
 from cloth_envs.state import State
 from surrogates.checkpoint import Checkpoint
-from surrogates.coarse import coarse_scene
-from surrogates.mlp import Mlp
-from surrogates.patches import FEATURES, combine, squares, triangles, windows
-from surrogates.published import FullyConnected, HierarchicalDnn
+from surrogates.miniature.coarse import coarse_scene
+from surrogates.upscale.mlp import Mlp
+from surrogates.upscale.patches import FEATURES, combine, squares, triangles, windows
+from surrogates.upscale.published import FullyConnected, HierarchicalDnn
 
 EPS = float(np.finfo(np.float32).eps)
 

@@ -11,11 +11,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from cloth_envs.cli import BENCHMARKS
+from cloth_envs.commands.cli import BENCHMARKS
 from cloth_envs.scene import Scene
-from training.bench import peers, peers_rows
 from training.bench.cost import TOLERANCE
-from training.bench.peers_scenes import (
+from training.bench.peers import rows as peers_rows
+from training.bench.peers import run as peers
+from training.bench.peers.scenes import (
     DROP,
     EARLY,
     LATE,
@@ -31,7 +32,7 @@ from training.bench.peers_scenes import (
     lag,
     p99,
 )  # fmt: skip
-from training.bench.store import read_rows
+from training.rows import read_rows
 
 PEERS = ("Taichi", "MuJoCo")
 pytestmark = pytest.mark.filterwarnings("ignore:'locale.getdefaultlocale:DeprecationWarning")  # Taichi's import
@@ -139,7 +140,7 @@ def test_xpbd_tends_to_our_truth() -> None:
 def test_mujocos_shell_has_our_stiffness() -> None:
     if reason := peers.missing("MuJoCo"):
         pytest.skip(reason)
-    from training.bench.peers_mujoco import MujocoCloth, sheet
+    from training.bench.peers.mujoco import MujocoCloth, sheet
 
     setup = build("A", 4)
     young, poisson, thickness = sheet(setup)
@@ -257,6 +258,6 @@ def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(peers, "find_spec", lambda name: None)
     assert "pip install" in peers.missing("MuJoCo")
     assert not peers.missing(peers_rows.OWN)
-    assert BENCHMARKS["peers"] == "training.bench.peers:main"
+    assert BENCHMARKS["peers"] == "training.bench.peers.run:main"
     with pytest.raises(ValueError, match="A, B, C"):
         peers.main(["--scenes", "D"])

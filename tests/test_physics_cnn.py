@@ -16,14 +16,16 @@ import cloth_envs
 from cloth_envs.backend import make_backend
 from cloth_envs.grid import Grid
 from cloth_envs.particles import Particles
-from cloth_envs.physics.particles import Cell, ParticleSolver
+from cloth_envs.physics.particles.solver import Cell, ParticleSolver
 from cloth_envs.registry import PRESETS, SCENES
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 from surrogates import checkpoint
-from surrogates.physics_cnn import CLASSES, CellNet, CellSheet, TorchNet, dimensional, dimensionless
-from training.bench import cnn, cnn_large_step
+from surrogates.cell.backend import CellNet, CellSheet, TorchNet, dimensional, dimensionless
+from surrogates.cell.numbers import CLASSES
+from training.bench.papers import cell as cnn
+from training.bench.papers import large_step as cnn_large_step
 from training.physics_cnn_fit import as_cell, least_squares, rows
 from training.physics_cnn_sheets import columns, identify, solve
 from training.train_physics_cnn import main

@@ -10,18 +10,17 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import cloth_envs
-from cloth_envs import cli
+from cloth_envs.commands import cli
 from cloth_envs.material import Material
-from cloth_envs.physics.admm import AdmmSolver
-from cloth_envs.physics.explicit import ExplicitSolver
-from cloth_envs.physics.stencil import edges
-from cloth_envs.presets import load_preset, presets_of
+from cloth_envs.physics.admm.solver import AdmmSolver
+from cloth_envs.physics.explicit.solver import ExplicitSolver
+from cloth_envs.physics.laws.stencil import edges
+from cloth_envs.presets import lee2019, load_preset, presets_of, zhao2024
 from cloth_envs.recording import RolloutWriter
 from cloth_envs.recording.reader import Rollout
 from cloth_envs.registry import PRESETS
 from cloth_envs.rendering import framing
 from cloth_envs.scene import Wind
-from cloth_envs.scenes import lee2019, zhao2024
 from cloth_envs.world import World
 
 CASES = [(scene, preset) for preset, scenes in PRESETS.items() for scene in scenes]

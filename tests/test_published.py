@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from surrogates.checkpoint import WEIGHTS, load
-from training.bench import published, published_chart, tables
-from training.bench.published import KEY, POINT_KEY, Point, Row, measure, pairs, score, text, windows
-from training.bench.published_readings import measured, motion
-from training.bench.published_runs import UNSCALED, UPSCALERS, by_frame, held_out, miniature, teacher, unscaled
-from training.bench.store import Store
-from training.recipes import SCENES, SHIPPED
+from training.bench.papers import published, published_chart
+from training.bench.papers import run as tables
+from training.bench.papers.published import KEY, POINT_KEY, Point, Row, measure, pairs, score, text, windows
+from training.bench.papers.published_readings import measured, motion
+from training.bench.papers.published_runs import UNSCALED, UPSCALERS, by_frame, held_out, miniature, teacher, unscaled
+from training.recipes.published import SCENES, SHIPPED
+from training.rows import Store
 
 FRAMES = 4
 

@@ -12,12 +12,13 @@ from typing import Any
 
 import pytest
 
-from cloth_envs.cli import BENCHMARKS, main
-from training.bench import mesh, report
-from training.bench.report_tables import survived
-from training.bench.speed_accuracy_summary import Summary
-from training.bench.stability_rows import Cell
-from training.bench.throughput import write_rows
+from cloth_envs.commands.cli import BENCHMARKS, main
+from training.bench import mesh
+from training.bench.report import run as report
+from training.bench.report.tables import survived
+from training.bench.speed_accuracy.rows import Summary
+from training.bench.stability.rows import Cell
+from training.bench.throughput.run import write_rows
 
 DOCS = Path(__file__).parents[1] / "docs"
 ALONE = {"meta", "img"}  # tags of the page without an end
@@ -128,7 +129,7 @@ def test_missing_is_listed_with_its_command(tmp_path: Path) -> None:
 def test_missing_packages_leave_the_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("throughput", "tables"):
         (tmp_path / f"{name}.csv").write_text((DOCS / "data" / f"{name}.csv").read_text())
-    monkeypatch.setitem(sys.modules, "training.bench.tables", None)
+    monkeypatch.setitem(sys.modules, "training.bench.papers.run", None)
     report.write(tmp_path, tmp_path, tmp_path / "a.html")
     words = Page((tmp_path / "a.html").read_text()).words
     assert 'pip install "minicloth[all]"' in words

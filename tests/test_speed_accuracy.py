@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 from cloth_envs.state import Controls, State
-from training.bench import speed_accuracy
-from training.bench import speed_accuracy_methods as methods
-from training.bench.speed_accuracy import main
-from training.bench.speed_accuracy_cost import cost
-from training.bench.speed_accuracy_methods import FLOOR, Job, Method, label
-from training.bench.speed_accuracy_scores import long_run, score, statistics
-from training.bench.speed_accuracy_summary import GATE, Summary, front, summaries
-from training.bench.speed_accuracy_windows import Windows, failed_by, gather
-from training.bench.store import read_rows
+from training.bench import participants as methods
+from training.bench.measure import long_run, score, statistics
+from training.bench.participants import FLOOR, Job, Method, label
+from training.bench.speed_accuracy import run as speed_accuracy
+from training.bench.speed_accuracy.cost import cost
+from training.bench.speed_accuracy.rows import GATE, Summary, front, summaries
+from training.bench.speed_accuracy.run import main
 from training.bench.truth import Case, length
+from training.bench.windows import Windows, failed_by, gather
+from training.rows import read_rows
 
 REPEAT = Method("repeat last frame")
 

@@ -7,8 +7,8 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from training.bench.speed_accuracy_speedup import METHODS, speedups, table
-from training.bench.speed_accuracy_summary import GATE, Summary
+from training.bench.speed_accuracy.rows import GATE, Summary
+from training.bench.speed_accuracy.speedup import METHODS, speedups, table
 
 
 def row(family: str, ms: float, error: float, *, options: str = "{}", gate: float = 0.0, floor: float = 0.0) -> Summary:

@@ -10,17 +10,18 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from cloth_envs.physics.explicit import ExplicitSolver
+from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.registry import SCENES
 from cloth_envs.state import Controls, State
-from training.bench import stability, stability_chart
-from training.bench.stability import METHODS, Method, main, worlds
-from training.bench.stability_rows import Cell, marks
-from training.bench.stability_runs import Run, build, pierced, run, truths
-from training.bench.stability_scores import HEIGHT, Score, score
-from training.bench.stability_worlds import AXES, LENGTHS, Base, Stage, driven, episode, shot
-from training.bench.store import read_rows
+from training.bench.stability import chart as stability_chart
+from training.bench.stability import run as stability
+from training.bench.stability.rows import Cell, marks
+from training.bench.stability.run import METHODS, Method, main, worlds
+from training.bench.stability.runs import Run, build, pierced, run, truths
+from training.bench.stability.scores import HEIGHT, Score, score
+from training.bench.stability.worlds import AXES, LENGTHS, Base, Stage, driven, episode, shot
 from training.bench.truth import Case, length, record
+from training.rows import read_rows
 
 
 class Ghost:

@@ -12,12 +12,12 @@ import torch
 
 from cloth_envs.grid import Grid
 from cloth_envs.particles import Particles
-from cloth_envs.physics import reference_particles as twin
-from cloth_envs.physics.particles import NEIGHBOURS, Cell, mass_spring_cell
+from cloth_envs.physics.laws import particles as twin
+from cloth_envs.physics.particles.solver import NEIGHBOURS, Cell, mass_spring_cell
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import Controls, State
-from surrogates import stencil_cell
-from surrogates.stencil_cell import BRANCHES, StencilCell, difference_kernels, step
+from surrogates.cell import stencil as stencil_cell
+from surrogates.cell.stencil import BRANCHES, StencilCell, difference_kernels, step
 from training import train_physics_cnn as trainer
 from training.physics_cnn_data import Sums, accelerations, design, links
 from training.physics_cnn_fit import Loss, Stage, as_cell, branch_scales, least_squares, numbers_of, train

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cloth_envs.policies import CONTROLLERS
 from cloth_envs.registry import SCENES, load_task
 from cloth_envs.scenes.task import Drive, Start, Task, bow
 from cloth_envs.state import State
@@ -138,7 +138,7 @@ GAIN = {"Curtain": 0.3, "Flag": 0.15, "Collision": 0.25, "Pressure": 0.25, "Hang
 
 @scenes
 def test_controller_beats_zero_and_random(scene: str) -> None:
-    controller = runpy.run_path(str(EXAMPLES / "controllers.py"))["CONTROLLERS"][scene]
+    controller = CONTROLLERS[scene]
     earned = {}
     for policy in ("zero", "random", "controller"):
         world, rng = make_world(scene, 6, seed=20), np.random.default_rng(4)

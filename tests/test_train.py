@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 import torch
 
-from cloth_envs.cli import main as minicloth
-from cloth_envs.scenes.lee2019 import Flag2019
+from cloth_envs.commands.cli import main as minicloth
+from cloth_envs.presets.lee2019 import Flag2019
 from surrogates import checkpoint
 from surrogates.checkpoint import Checkpoint
-from surrogates.coarse import coarse_scene
-from surrogates.mlp import Mlp
-from surrogates.published import FullyConnected
-from surrogates.upscaler import make_upscaler
+from surrogates.miniature.coarse import coarse_scene
+from surrogates.upscale.mlp import Mlp
+from surrogates.upscale.protocol import make_upscaler
+from surrogates.upscale.published import FullyConnected
 from training import train_upscaler
-from training.bench.published_runs import by_frame, decimated, held_out, upscaled
+from training.bench.papers.published_runs import by_frame, decimated, held_out, upscaled
 from training.dataset import Pairs, read, shards
 from training.generate import Plan, generate
-from training.recipes import RECIPES, SCENES, SHAPES, Recipe
+from training.recipes.published import RECIPES, SCENES, SHAPES, Recipe
 from training.train_upscaler import Scaling, errors, train
 
 TINY = Recipe("Flag", layers=2, width=24, steps=6, batch=32)

@@ -15,10 +15,10 @@ from scipy.stats import t as student
 import cloth_envs
 from cloth_envs.registry import SCENES
 from cloth_envs.world import World
-from training.bench import transfer
-from training.bench.transfer_policies import FORMS
-from training.bench.transfer_rows import RANDOM, REFERENCE, ZERO, Episode, Training, half_width, summaries, table
-from training.bench.transfer_search import FIRST_SEED, CmaEs, earn, train
+from training.bench.transfer import run as transfer
+from training.bench.transfer.policies import FORMS
+from training.bench.transfer.rows import RANDOM, REFERENCE, ZERO, Episode, Training, half_width, summaries, table
+from training.bench.transfer.search import FIRST_SEED, CmaEs, earn, train
 
 
 def small(members: int, scene: str = "Flag") -> World:
@@ -104,7 +104,7 @@ def test_training_is_repeatable_and_plays_no_held_out_seed(monkeypatch: pytest.M
         played.extend(seeds)
         return earn(world, act, seeds, frames)
 
-    monkeypatch.setattr("training.bench.transfer_search.earn", watched)
+    monkeypatch.setattr("training.bench.transfer.search.earn", watched)
     options = {"frames": 3, "generations": 2, "population": 4, "seed": 1}
     runs = [train(small(8), FORMS["Flag"], **options) for _ in range(2)]
     np.testing.assert_array_equal(*runs)

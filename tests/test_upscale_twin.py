@@ -10,14 +10,14 @@ import pytest
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.reference_contact import axis_parameter, on_axis
+from cloth_envs.physics.laws.bodies import axis_parameter, on_axis
 from cloth_envs.resample import Resampler
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import State
-from surrogates.coarse import coarse_grid
-from surrogates.local import Local
-from surrogates.local_features import answer, features, merged, spacing
-from surrogates.project import REACH, Projection
+from surrogates.miniature.coarse import coarse_grid
+from surrogates.miniature.contact import REACH, Projection
+from surrogates.upscale.local import Local
+from surrogates.upscale.local_features import answer, features, merged, spacing
 
 EPS = float(np.finfo(np.float32).eps)
 BATCH = 2

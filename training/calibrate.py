@@ -24,9 +24,9 @@ from cloth_envs.registry import SCENES
 from cloth_envs.resample import resample
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from surrogates.calibrated import load_factors
-from surrogates.coarse import CLOSURE, FACTORS, coarse_grid
-from surrogates.miniature import MiniatureBackend
+from surrogates.miniature.backend import MiniatureBackend
+from surrogates.miniature.closure import load_factors
+from surrogates.miniature.coarse import CLOSURE, FACTORS, coarse_grid
 from training.bench.truth import Case, cache_folder, length, load
 
 HORIZONS = {"calibrated": 5, "closure": 10}  # frames of a window

@@ -18,8 +18,8 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.registry import load_task
 from cloth_envs.resample import Resampler
-from surrogates.coarse import coarse_grid
-from surrogates.patches import FEATURES, Layout, combine, dense_grid, squares, triangles, windows
+from surrogates.miniature.coarse import coarse_grid
+from surrogates.upscale.patches import FEATURES, Layout, combine, dense_grid, squares, triangles, windows
 from training.generate import HELD_OUT_EVERY
 
 PAST = 2  # frames before the first one that is upscaled

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 from gymnasium.utils.seeding import np_random
 
-from cloth_envs.commands.policies import open_loop
+from cloth_envs.policies import open_loop
 from cloth_envs.resample import resample
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
-from surrogates.coarse import coarse_grid
-from surrogates.dynamics import Correction
-from surrogates.miniature import MiniatureBackend
+from surrogates.miniature.backend import MiniatureBackend
+from surrogates.miniature.coarse import coarse_grid
+from surrogates.miniature.correction import Correction
 from training.bench.truth import length
 
 FRAMES, SETTLE = 110, 10  # of an episode; the first are left out, as they are for upscalers

@@ -28,12 +28,12 @@ import h5py
 import numpy as np
 from tqdm import tqdm
 
-from cloth_envs.commands.policies import open_loop
 from cloth_envs.physics.solver import reference
+from cloth_envs.policies import open_loop
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.scenes.task import Episode, Task
 from cloth_envs.state import Controls, State
-from surrogates.miniature import MiniatureBackend
+from surrogates.miniature.backend import MiniatureBackend
 from training.bench.truth import cache_folder
 
 LAYOUT = 1

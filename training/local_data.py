@@ -15,16 +15,16 @@ from typing import Any
 import numpy as np
 from gymnasium.utils.seeding import np_random
 
-from cloth_envs.commands.policies import open_loop
 from cloth_envs.material import Material
+from cloth_envs.policies import open_loop
 from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
-from surrogates.coarse import coarse_grid
-from surrogates.local_features import NODES, cells, features, flat_features, spacing, stiffness_numbers
-from surrogates.miniature import MiniatureBackend
-from surrogates.patches import dense_grid
+from surrogates.miniature.backend import MiniatureBackend
+from surrogates.miniature.coarse import coarse_grid
+from surrogates.upscale.local_features import NODES, cells, features, flat_features, spacing, stiffness_numbers
+from surrogates.upscale.patches import dense_grid
 
 FRAMES = (1, 2, 3, 5, 7)  # after a restart, at which pairs are taken
 STARTS = (10, 25, 40, 55, 70, 85, 100)  # frames of an episode, at which windows begin

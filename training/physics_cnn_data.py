@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from tqdm import tqdm
 
-from cloth_envs.physics.particles import NEIGHBOURS, ParticleSolver, net_of
+from cloth_envs.physics.particles.solver import NEIGHBOURS, ParticleSolver, net_of
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World

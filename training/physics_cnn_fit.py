@@ -12,8 +12,8 @@ from scipy.linalg import lstsq
 from scipy.optimize import differential_evolution
 from tqdm import tqdm
 
-from cloth_envs.physics.particles import NEIGHBOURS, Cell, net_of
-from surrogates.stencil_cell import BRANCHES, StencilCell
+from cloth_envs.physics.particles.solver import NEIGHBOURS, Cell, net_of
+from surrogates.cell.stencil import BRANCHES, StencilCell
 from training.physics_cnn_data import EPS, STEPS, Sums, accelerations, animation, case, design, links
 
 COUNT = len(NEIGHBOURS)

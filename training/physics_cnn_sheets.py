@@ -10,12 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import lstsq
 
-from cloth_envs.physics import reference
-from cloth_envs.physics.explicit import ExplicitSolver
-from cloth_envs.physics.stencil import edges, triples
+from cloth_envs.physics import laws
+from cloth_envs.physics.explicit.solver import ExplicitSolver
+from cloth_envs.physics.laws.stencil import edges, triples
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from surrogates.physics_cnn import CLASSES, SHARED, SHEET, CellSheet
+from surrogates.cell.backend import CellSheet
+from surrogates.cell.numbers import CLASSES, SHARED, SHEET
 from training.bench.truth import Case, record, replay, vertex_error
 
 FRAMES = (2, 5, 8, 12, 16, 20, 25, 30, 35, 40)
@@ -62,9 +63,9 @@ def accelerations(scene: Scene, state: State, controls: Controls, substeps: int)
     drag = scene.material.drag * scene.drag
     kick = -np.expm1(-drag * h) / drag if drag else h
     total = (after - state.velocities * np.exp(-drag * h)) / kick
-    air = reference.wind_forces(scene, state.positions, state.velocities, controls.wind)
+    air = laws.wind_forces(scene, state.positions, state.velocities, controls.wind)
     if scene.pressure:
-        air = air + reference.pressure_forces(scene.grid, state.positions, controls.pressure)
+        air = air + laws.pressure_forces(scene.grid, state.positions, controls.pressure)
     return (total - air / scene.mass)[0].ravel()
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from cloth_envs.machine import header
 from cloth_envs.presets import load_preset
 from surrogates.checkpoint import save
-from surrogates.local import weights_name
+from surrogates.upscale.local import weights_name
 from training.dataset import data_hash, read, shards
 from training.generate import data_folder
 from training.local_data import FRAMES, Windows, pairs

@@ -23,10 +23,10 @@ from tqdm import tqdm
 from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
 from cloth_envs.registry import SCENES
-from surrogates.calibrated import load_factors
 from surrogates.checkpoint import WEIGHTS, save, written
-from surrogates.dynamics import ARRAYS, LAYERS, Correction, weights_name
-from surrogates.miniature import MiniatureBackend
+from surrogates.miniature.backend import MiniatureBackend
+from surrogates.miniature.closure import load_factors
+from surrogates.miniature.correction import ARRAYS, LAYERS, Correction, weights_name
 from training.bench.truth import cache_folder
 from training.dynamics_data import FRAMES, SETTLE, Course, Episodes, episodes
 

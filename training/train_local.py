@@ -1,6 +1,6 @@
 """``minicloth train local``: the upscalers ``"local"`` (a small network) and ``"ridge"`` (linear) of every scene.
 
-Both read ``surrogates.local_features`` of real miniature runs and learn the residual of bicubic interpolation to the
+Both read ``upscale.local_features`` of real miniature runs and learn the residual of bicubic interpolation to the
 truth. Frames after a restart weigh as the inverse of bicubic's error there: an error that grows by the frame is one of
 the coarse dynamics and no upscaler's to guess. Ridge regression is closed; the network minimises the mean distance of
 the vertices, by Adam, and follows bit for bit from its recipe. A training that was stopped goes on from its last
@@ -31,10 +31,10 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from cloth_envs.world import World
 from surrogates.checkpoint import WEIGHTS, save, written
-from surrogates.coarse import coarse_grid
-from surrogates.local import Local, Ridge, weights_name
-from surrogates.local_features import LIMIT, flat_features
-from surrogates.miniature import MiniatureBackend
+from surrogates.miniature.backend import MiniatureBackend
+from surrogates.miniature.coarse import coarse_grid
+from surrogates.upscale.local import Local, Ridge, weights_name
+from surrogates.upscale.local_features import LIMIT, flat_features
 from training.bench.truth import cache_folder
 from training.local_data import FRAMES, RANGE, STARTS, Pairs, Windows, cached, join, pairs, simulate, small, varied
 

@@ -20,17 +20,18 @@ import torch
 
 from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
-from cloth_envs.physics.particles import NEIGHBOURS
+from cloth_envs.physics.particles.solver import NEIGHBOURS
 from cloth_envs.registry import SCENES
+from surrogates.cell.backend import PARTICLES, dimensionless
+from surrogates.cell.numbers import CLASSES, SHEET
+from surrogates.cell.stencil import StencilCell
 from surrogates.checkpoint import WEIGHTS, save
-from surrogates.physics_cnn import CLASSES, PARTICLES, SHEET, dimensionless
-from surrogates.stencil_cell import StencilCell
-from training.bench.store import read_names
 from training.bench.truth import cache_folder
 from training.physics_cnn_data import CASES, Sums, case, sums
 from training.physics_cnn_fit import Fit, Loss, Stage, as_cell, branch_scales, least_squares, numbers_of, rows, train
 from training.physics_cnn_score import Run, errors
 from training.physics_cnn_sheets import identify, sheet_errors
+from training.rows import read_names
 
 DATA = {"fall": ("fall",), "blow": ("blow",), "both": ("fall", "blow")}
 CLOSED_FORM = "least_squares"

@@ -28,11 +28,11 @@ from tqdm import tqdm
 from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
 from surrogates.checkpoint import WEIGHTS, save
-from surrogates.mlp import Mlp
+from surrogates.upscale.mlp import Mlp
 from training.bench.truth import cache_folder
 from training.dataset import Pairs, data_hash, read, shards
 from training.generate import data_folder
-from training.recipes import RECIPES, SHIPPED, Recipe
+from training.recipes.published import RECIPES, SHIPPED, Recipe
 
 PROBE = 100_000  # pairs for the statistics, and for the errors of the card
 LEAST_VARIANCE = 1e-7  # of a principal component that is whitened, over the largest one's

@@ -1,1 +1,1 @@
-"""What the ``minicloth`` commands do; ``cloth_envs.cli`` parses their arguments."""
+"""What the ``minicloth`` commands do; ``cloth_envs.commands.cli`` parses their arguments."""

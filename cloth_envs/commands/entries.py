@@ -58,12 +58,6 @@ class Entry:
         )
 
 
-def coarser(resolution: tuple[int, int], factor: float) -> tuple[int, int]:
-    """A grid of the same size with about ``factor`` times the spacing (1/2: half of it), exactly where it divides."""
-    rows, cols = (max(3, round((n - 1) / factor) + 1) for n in resolution)
-    return rows, cols
-
-
 def read_resolution(text: str) -> tuple[int, int]:
     """``"33x49"`` as ``(33, 49)``.
 

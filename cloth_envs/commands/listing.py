@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import inspect
 
-from cloth_envs.commands.policies import POLICIES
 from cloth_envs.material import FABRICS
+from cloth_envs.policies import POLICIES
 from cloth_envs.presets import load_preset, presets_of
 from cloth_envs.registry import BACKENDS, EPISODE_FRAMES, PRESETS, SCENES, env_id, load_backend, load_task
 

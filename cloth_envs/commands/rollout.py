@@ -11,7 +11,7 @@ import gymnasium as gym
 from tqdm import tqdm
 
 from cloth_envs.commands.outputs import check_file, check_pictures, write_pictures
-from cloth_envs.commands.policies import open_loop
+from cloth_envs.policies import open_loop
 from cloth_envs.recording import RecordRollout, Rollout
 from cloth_envs.registry import EPISODE_FRAMES, env_id, load_task
 

@@ -17,14 +17,14 @@ from cloth_envs.state import Controls, State
 
 # name -> "module:Solver class", resolved on use.
 SOLVERS: dict[str, str] = {
-    "admm": "cloth_envs.physics.admm:AdmmSolver",
-    "explicit": "cloth_envs.physics.explicit:ExplicitSolver",
-    "implicit": "cloth_envs.physics.implicit:ImplicitSolver",
+    "admm": "cloth_envs.physics.admm.solver:AdmmSolver",
+    "explicit": "cloth_envs.physics.explicit.solver:ExplicitSolver",
+    "implicit": "cloth_envs.physics.implicit.solver:ImplicitSolver",
 }
 
 # The same for a net of particles.
 PARTICLE_SOLVERS: dict[str, str] = {
-    "explicit": "cloth_envs.physics.particles:ParticleSolver",
+    "explicit": "cloth_envs.physics.particles.solver:ParticleSolver",
 }
 
 

@@ -10,7 +10,7 @@ from worlds import THREADS, flat, frequency, rates, run, simulate
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import FABRICS, Material
-from cloth_envs.physics import reference
+from cloth_envs.physics import laws
 from cloth_envs.scene import Scene, Wind
 from cloth_envs.state import Controls, State
 
@@ -27,15 +27,15 @@ def balance(scene: Scene, states: list[State], controls: Controls) -> np.ndarray
     for state in states:
         x, v = state.positions, state.velocities
         energy.append(
-            reference.kinetic_energy(grid, materials, v)
-            + reference.spring_energy(grid, materials, x)
-            + reference.bend_energy(grid, materials, x)
-            + reference.gravity_energy(grid, materials, x, scene.gravity)
+            laws.kinetic_energy(grid, materials, v)
+            + laws.spring_energy(grid, materials, x)
+            + laws.bend_energy(grid, materials, x)
+            + laws.gravity_energy(grid, materials, x, scene.gravity)
         )
-        force = reference.damper_forces(grid, materials, x, v) + reference.wind_forces(scene, x, v, controls.wind)
-        force -= scene.material.drag * scene.drag * reference.masses(grid, materials) * v
+        force = laws.damper_forces(grid, materials, x, v) + laws.wind_forces(scene, x, v, controls.wind)
+        force -= scene.material.drag * scene.drag * laws.masses(grid, materials) * v
         if scene.pressure:
-            force += reference.pressure_forces(grid, x, controls.pressure)
+            force += laws.pressure_forces(grid, x, controls.pressure)
         power.append((force * v * free).sum((1, 2, 3)))
     total, work = np.array(energy)[:, 0], np.array(power)[:, 0]
     return total - np.concatenate([[0], np.cumsum((work[1:] + work[:-1]) / 2)]) * scene.frame_dt
@@ -53,7 +53,7 @@ def test_energy_balance_closes_as_the_step_shrinks() -> None:
         states, _ = run(scene, state, controls, steps, substeps=1)
         total = balance(scene, states, controls)
         errors.append(abs(total - total[0]).max())
-        spent = np.ptp(reference.gravity_energy(grid, [CLOTH], np.concatenate([s.positions for s in states]), 9.81))
+        spent = np.ptp(laws.gravity_energy(grid, [CLOTH], np.concatenate([s.positions for s in states]), 9.81))
     # Symplectic Euler follows an energy that differs from the true one by order h.
     assert (abs(rates(errors) - 1) < 0.2).all()
     assert errors[-1] < 0.02 * spent
@@ -84,9 +84,9 @@ def test_no_fabric_gains_energy_at_its_largest_step(fabric: str) -> None:
     state.velocities[:] = 0.2 * np.random.default_rng(0).normal(size=state.velocities.shape)
     states, _ = run(scene, state, frames=100, dtype="float32")
     first, last = (
-        reference.kinetic_energy(grid, [material], s.velocities)
-        + reference.spring_energy(grid, [material], s.positions)
-        + reference.bend_energy(grid, [material], s.positions)
+        laws.kinetic_energy(grid, [material], s.velocities)
+        + laws.spring_energy(grid, [material], s.positions)
+        + laws.bend_energy(grid, [material], s.positions)
         for s in (states[0], states[-1])
     )
     # Dashpots and drag only take; an unstable mode would multiply by more than e in each of thousands of steps.

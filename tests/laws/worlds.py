@@ -8,7 +8,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.explicit import ExplicitSolver
+from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 

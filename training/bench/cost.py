@@ -12,10 +12,10 @@ from tqdm import tqdm
 
 from cloth_envs.backend import Backend
 from cloth_envs.failure import Failures
-from cloth_envs.physics.diagnostics import strain
+from cloth_envs.physics.laws.diagnostics import strain
 from training.bench.configurations import Config, label
-from training.bench.store import Store
 from training.bench.truth import Case, Truth, length, load, mean_height, replay, vertex_error
+from training.rows import Store
 
 HORIZONS = (1, 5, 10)  # frames
 # Truth here is four times finer than G1: explicit at a quarter of its step would be compared with itself.

@@ -25,13 +25,13 @@ from cloth_envs.registry import SCENES, load_task
 from cloth_envs.resample import resample
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from surrogates.coarse import coarse_scene
-from training.bench.speed_accuracy_methods import Job, Method, label
-from training.bench.speed_accuracy_scores import HORIZONS, score
-from training.bench.speed_accuracy_windows import Windows
-from training.bench.store import read_names
-from training.bench.throughput import write_rows
+from surrogates.miniature.coarse import coarse_scene
+from training.bench.measure import HORIZONS, score
+from training.bench.participants import Job, Method, label
+from training.bench.throughput.run import write_rows
 from training.bench.truth import Case, cache_folder, load
+from training.bench.windows import Windows
+from training.rows import read_names
 
 SEEDS, STARTS = (200, 201), (25, 50, 100)  # frames at which windows begin
 REFINE = 2  # of the fine sheet's step, which is half as long as the scene's already

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cloth_envs.commands.chart import COLORS, GRID, INK, MARKERS, import_figure, limits
+from cloth_envs.style import COLORS, GRID, INK, MARKERS, import_figure, limits
 from training.bench.configurations import COST
 from training.bench.cost import TOLERANCE
 from training.bench.summary import Summary

@@ -19,11 +19,13 @@ import numpy as np
 from cloth_envs.machine import header
 from cloth_envs.physics.solver import SOLVERS
 from cloth_envs.registry import SCENES
-from training.bench import chaos, convergence, cost, solver_chart, summary, sweep
+from training.bench import cost, solver_chart, summary, sweep
 from training.bench.configurations import CONVERGENCE, COST, SWEEP, choose
-from training.bench.store import Store, read_names
-from training.bench.throughput import write_rows
+from training.bench.convergence import chaos
+from training.bench.convergence import run as convergence
+from training.bench.throughput.run import write_rows
 from training.bench.truth import Case, cache_folder
+from training.rows import Store, read_names
 
 PARTS = ("chaos", "convergence", "cost", "sweep")
 CHART_FRAMES = 5

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cloth_envs.physics.budget import LEAST_FALL
+from cloth_envs.physics.laws.budget import LEAST_FALL
 from training.bench.configurations import label
 from training.bench.cost import HORIZONS, TOLERANCE, Run
 

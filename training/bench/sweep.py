@@ -12,9 +12,9 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from training.bench.configurations import Config, label
 from training.bench.cost import build
-from training.bench.store import Store
 from training.bench.truth import Case, Truth, load, retime
 from training.bench.verdict import MARKS, TRUTH, judge, trajectory
+from training.rows import Store
 
 DURATION = 0.64  # s, a whole number of frames of four times any scene's
 COARSE = 2  # grids of half the resolution

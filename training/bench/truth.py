@@ -18,9 +18,9 @@ import numpy as np
 from gymnasium.utils.seeding import np_random
 
 from cloth_envs.backend import Backend
-from cloth_envs.commands.entries import coarser
-from cloth_envs.commands.policies import open_loop
-from cloth_envs.physics.reference import hermite
+from cloth_envs.grid import coarser
+from cloth_envs.physics.laws.drives import hermite
+from cloth_envs.policies import open_loop
 from cloth_envs.registry import load_task
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from cloth_envs.failure import Failures
-from cloth_envs.physics.budget import slow_motion
-from cloth_envs.physics.diagnostics import energy, strain
+from cloth_envs.physics.laws.budget import slow_motion
+from cloth_envs.physics.laws.diagnostics import energy, strain
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from training.bench.chaos import NUDGE, nudged
 from training.bench.configurations import Config
+from training.bench.convergence.chaos import NUDGE, nudged
 from training.bench.cost import TOLERANCE, build, milliseconds
 from training.bench.truth import length, mean_height, replay, vertex_error
 

@@ -1,0 +1,1 @@
+"""Symplectic Euler at the largest stable step."""

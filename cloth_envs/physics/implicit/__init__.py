@@ -1,0 +1,1 @@
+"""Implicit Euler and SDIRK2 to a residual."""

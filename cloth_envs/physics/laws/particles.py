@@ -1,0 +1,110 @@
+"""The plain NumPy twin of the particle kernel: the definition of its step, and the tests' oracle.
+
+Arrays are ``(B, 3, H, W)`` as in ``State``; forces are in newtons, energies ``(B,)`` in joules, all in float64.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from cloth_envs.physics.laws.drives import hermite
+from cloth_envs.physics.particles.solver import NEIGHBOURS, Cell, net_of, steps_a_frame
+from cloth_envs.scene import Scene
+from cloth_envs.state import Controls, State
+
+
+def pairs(rows: int, cols: int) -> Iterator[tuple[int, tuple[Any, ...], tuple[Any, ...]]]:
+    """For every class of neighbours: its number, the particles that have one, and those neighbours, as indices."""
+    for number, (down, right) in enumerate(NEIGHBOURS.tolist()):
+        own = (..., slice(max(0, -down), rows - max(0, down)), slice(max(0, -right), cols - max(0, right)))
+        other = (..., slice(max(0, down), rows - max(0, -down)), slice(max(0, right), cols - max(0, -right)))
+        yield number, own, other
+
+
+def cell_forces(cell: Cell, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """``sum_c [alpha_c d_c + beta_c n_c + gamma_c (w_c . n_c) n_c] + bias``; see ``Cell``."""
+    out = np.zeros(x.shape) + cell.bias[:, None, None]
+    for c, own, other in pairs(*x.shape[2:]):
+        alpha, beta, gamma = cell.coefficients[c]
+        d, w = x[other] - x[own], v[other] - v[own]
+        n = d / np.sqrt((d * d).sum(1, keepdims=True) + cell.eps)
+        out[own] += alpha * d + beta * n + gamma * (w * n).sum(1, keepdims=True) * n
+    return out
+
+
+def spring_energy(scene: Scene, x: np.ndarray) -> np.ndarray:
+    """``sum Y (|d| - L)^2 / (2 L)`` over springs; each is seen from both ends."""
+    total, spacing = np.zeros(len(x)), [scene.grid.row_spacing, scene.grid.col_spacing]
+    for c, own, other in pairs(*scene.grid.shape):
+        rest = np.hypot(*(NEIGHBOURS[c] * spacing))
+        length = np.linalg.norm(x[other] - x[own], axis=1)
+        total += net_of(scene).stiffness * ((length - rest) ** 2).sum((1, 2)) / (4 * rest)
+    return total
+
+
+def pressure_forces(x: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+    """``p`` ``(B,)`` times the sum of ``r_a x r_b`` (eq. 3) over the pairs of nearest neighbours that exist."""
+    rows, cols = x.shape[2:]
+    out = np.zeros(x.shape)
+    around = [(0, 1), (-1, 0), (0, -1), (1, 0)]  # right, up, left, down: counter-clockwise where rows run downwards
+    for r in range(rows):
+        for c in range(cols):
+            for a, b in zip(around, around[1:] + around[:1], strict=True):
+                places = [(r + dr, c + dc) for dr, dc in (a, b)]
+                if all(0 <= i < rows and 0 <= j < cols for i, j in places):
+                    r_a, r_b = (x[:, :, i, j] - x[:, :, r, c] for i, j in places)
+                    out[:, :, r, c] += pressure[:, None] * np.cross(r_a, r_b)
+    return out
+
+
+def hit_ball(
+    x: np.ndarray, v: np.ndarray, centre: np.ndarray, velocity: np.ndarray, radius: float, keep: float
+) -> np.ndarray:
+    """Velocities after a step inside a ball at ``centre`` ``(B, 3)``: no inward part, then ``keep`` of the rest."""
+    d, u = x - centre[:, :, None, None], v - velocity[:, :, None, None]
+    away = np.sqrt((d * d).sum(1, keepdims=True))
+    n = d / np.where(away > 0, away, 1)
+    left = keep * (u - np.minimum((u * n).sum(1, keepdims=True), 0) * n)
+    return np.where(away < radius, left + velocity[:, :, None, None], v)
+
+
+def step(scene: Scene, state: State, controls: Controls, cell: Cell, refine: int = 1) -> State:
+    """One frame in the author's order: forces, drag, balls, ``x += h v``, and handles on their cubics; float64."""
+    net, steps = net_of(scene), steps_a_frame(scene) * refine
+    old, now, h = state.astype(np.float64), state.astype(np.float64), scene.frame_dt / steps
+    held, flat = list(scene.handles), (state.batch, 3, -1)
+    from_x, from_v = (a.reshape(flat)[..., held].transpose(0, 2, 1) for a in (old.positions, old.velocities))
+    for k in range(steps):
+        x = now.positions
+        force = cell_forces(cell, x, now.velocities)
+        if scene.pressure:
+            force += pressure_forces(x, controls.pressure)
+        v = (now.velocities + h / net.node_mass * force) * np.exp(-net.drag * scene.drag * h)
+        at, speed = hermite(
+            k / steps,
+            scene.frame_dt,
+            old.colliders,
+            old.collider_velocities,
+            controls.colliders,
+            controls.collider_velocities,
+        )
+        for i, body in enumerate(scene.colliders):
+            v = hit_ball(x, v, at[:, i, 0], speed[:, i, 0], body.radius, net.keep ** (1 / refine))
+        now.positions, now.velocities = x + h * v, v
+        place, rate = hermite(
+            (k + 1) / steps,
+            scene.frame_dt,
+            from_x,
+            from_v,
+            controls.handle_positions,
+            controls.handle_velocities,
+        )
+        for array, value in ((now.positions, place), (now.velocities, rate)):
+            array.reshape(flat)[..., held] = value.transpose(0, 2, 1)
+    now.colliders, now.collider_velocities = controls.colliders.copy(), controls.collider_velocities.copy()
+    now.wind, now.pressure = controls.wind.copy(), controls.pressure.copy()
+    now.time = old.time + scene.frame_dt
+    return now

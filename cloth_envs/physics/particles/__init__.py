@@ -1,0 +1,1 @@
+"""The net of particles of Zhao 2024."""

@@ -1,0 +1,99 @@
+"""Who acts: open-loop actions, and a simple controller for every scene.
+
+Controllers go from the default observation, single or batched, to the action, to be clipped to [-1, 1]. The task's
+numbers are the last ones, after positions and velocities of the keypoints. ``examples/evaluate_controllers.py`` shows
+what they earn.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cloth_envs.naming import unknown_name
+
+POLICIES = {
+    "zero": "no action",
+    "random": "uniform, new at every frame",
+    "smooth": "slow random waves",
+    "bang-bang": "full action one way or the other, for 5-20 frames",
+}
+
+
+def open_loop(policy: str, frames: int, size: int, frame_dt: float, seed: int) -> np.ndarray:
+    """Actions ``(frames, size)`` in [-1, 1]; equal arguments give equal actions.
+
+    Raises:
+        ValueError: an unknown policy; the nearest match is named.
+    """
+    if policy not in POLICIES:
+        raise unknown_name("policy", policy, POLICIES)
+    rng = np.random.default_rng([seed, 0xAC7])
+    if policy == "random":
+        return rng.uniform(-1, 1, (frames, size))
+    actions = np.zeros((frames, size))
+    if policy == "smooth":
+        time = np.arange(frames)[:, None] * frame_dt
+        rates = 2 * np.pi * rng.uniform(0.1, 0.7, (3, size))  # rad/s
+        actions = np.sin(rates[:, None] * time + rng.uniform(0, 2 * np.pi, (3, 1, size))).mean(0)
+    elif policy == "bang-bang":
+        for column in actions.T:
+            start = 0
+            while start < frames:
+                end = start + int(rng.integers(5, 21))
+                column[start:end] = rng.choice([-1.0, 1.0])
+                start = end
+    return actions
+
+
+def curtain(obs: np.ndarray) -> np.ndarray:
+    """Pull the lead ring to the target; move the rail against the curtain's velocity, which damps a pendulum."""
+    rail, covered, target = obs[..., -5], obs[..., -2], obs[..., -1]
+    sway = obs[..., 60 + 28 : 60 + 40].mean(-1)  # y velocity of the lower three keypoint rows
+    return np.stack([3 * (target - covered), -5 * (0.15 * sway + rail)], -1)
+
+
+def flag(obs: np.ndarray) -> np.ndarray:
+    """Sweep to and fro across the line of sight; turn round near the edge or when going nowhere."""
+    pole, velocity, onlooker = obs[..., -8:-6], obs[..., -6:-4], obs[..., -2:]
+    across = np.stack([-onlooker[..., 1], onlooker[..., 0]], -1)
+    reach = 1.2 / np.abs(across).max(-1)
+    place, speed = (pole * across).sum(-1), (velocity * across).sum(-1)
+    way = np.where(np.abs(place) > reach, -np.sign(place), np.where(speed < 0, -1.0, 1.0))
+    return across * way[..., None] / np.abs(across).max(-1, keepdims=True)
+
+
+def collision(obs: np.ndarray) -> np.ndarray:
+    """Move the ball to the goal."""
+    return 3 * (obs[..., -3:] - obs[..., -9:-6])
+
+
+def pressure(obs: np.ndarray) -> np.ndarray:
+    """The pressure that holds the height wanted in 0.05 s (it grows as the cube), and damping."""
+    _, velocity, _, target, soon = np.moveaxis(obs[..., -5:], -1, 0)
+    wanted_velocity = (soon - target) / 0.1
+    return (0.05 + 560 * (0.5 * (target + soon)) ** 3 + 0.03 * (wanted_velocity - velocity))[..., None]
+
+
+def hanging(obs: np.ndarray) -> np.ndarray:
+    """Bring the corner above the goal, leaning against the swing of the middle, which damps it."""
+    corner, middle, velocity, goal = obs[..., -16:-13], obs[..., -10:-7], obs[..., -7:-4], obs[..., -4:-1]
+    error = goal - 0.2 * velocity - corner
+    error[..., 2] = (goal - middle)[..., 2]
+    return 2 * error
+
+
+def ball_drop(obs: np.ndarray) -> np.ndarray:
+    """Run below the middle of the cloth while it falls, then stand still."""
+    ball, middle, velocity = obs[..., -10:-8], obs[..., -6:-3], obs[..., -3:-1]
+    falling = (middle[..., 2:] > 0.65) * 1.0
+    return falling * (8 * (middle[..., :2] - ball) + velocity / 1.5)
+
+
+CONTROLLERS = {
+    "Curtain": curtain,
+    "Flag": flag,
+    "Collision": collision,
+    "Pressure": pressure,
+    "Hanging": hanging,
+    "BallDrop": ball_drop,
+}

@@ -1,0 +1,211 @@
+"""The physics-embedded CNN cell of Zhao 2024 in torch (figs 1-2): for training, for GPUs, and to be differentiated.
+
+The same cell runs on CPUs through the compiled kernel of particles; see ``surrogates.cell.backend``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from cloth_envs.physics.particles.solver import NEIGHBOURS, Cell
+
+BRANCHES = ("linear", "nonlinear", "derivative", "bias")
+NEAR = 8  # of the neighbours; the others are at distance two
+Force = Callable[[Tensor, Tensor], Tensor]  # positions, velocities -> forces, all (B, 3, H, W)
+
+
+def difference_kernels() -> tuple[Tensor, Tensor]:
+    """The 12 fixed kernels, +1 at the neighbour and -1 at the centre: ``(8, 1, 3, 3)`` and, dilated, ``(4, 1, 3, 3)``.
+
+    The far ones reach distance two as 3 x 3 kernels with dilation 2.
+    """
+    kernels = torch.zeros(len(NEIGHBOURS), 1, 3, 3)
+    for kernel, (down, right) in zip(kernels, NEIGHBOURS.tolist(), strict=True):
+        reach = max(abs(down), abs(right))
+        kernel[0, 1 + down // reach, 1 + right // reach] = 1.0
+        kernel[0, 1, 1] = -1.0
+    return kernels[:NEAR], kernels[NEAR:]
+
+
+class StencilCell(nn.Module):
+    """``F = sum_c [alpha_c d_c + beta_c n_c + gamma_c (w_c . n_c) n_c] + bias`` (Zhao 2024, eqs 6-7).
+
+    ``d_c`` and ``w_c`` are convolutions of positions and velocities with fixed difference kernels, shared by x, y
+    and z; ``n = d / sqrt(|d|^2 + eps)`` is the inverse square root unit (ISRU). A neighbour beyond the border is
+    masked, never padded by a copy. Parameters are over ``scales``, so that one learning rate serves all branches.
+
+    With rest ``lengths`` L the same forces are trained as ``linear (d / L - n) + nonlinear n``, so that
+    ``alpha = linear / L`` and ``beta = nonlinear - linear``: what stretches a spring and what pulls it at rest. As
+    strains are small, ``d / L`` and ``n`` are nearly the same, and gradient descent cannot tell them apart; this
+    change of basis and ``pairs`` each bring down the condition number of the loss a thousandfold.
+
+    Args:
+        scales: of the branches linear, nonlinear, derivative, bias, with their signs.
+        lengths: ``(12,)`` [m], of the neighbours at rest; None trains alpha and beta themselves, as published.
+        pairs: opposite neighbours share their weights (6 a branch): forces are then equal and opposite, and momentum
+            is kept exactly whatever was learned.
+        eps: [m^2], positive.
+        vector: the norm of the ISRU and the product of the derivative branch run over x, y, z; false takes them per
+            component, which cannot tell a spring's length (kept to show that).
+        dtype: of the parameters, which start at 0.
+    """
+
+    near: Tensor
+    far: Tensor
+    lengths: Tensor | None
+
+    def __init__(
+        self,
+        *,
+        scales: Sequence[float] = (1.0, 1.0, 1.0, 1.0),
+        lengths: Tensor | None = None,
+        pairs: bool = False,
+        eps: float = 1e-12,
+        vector: bool = True,
+        dtype: torch.dtype = torch.float32,
+    ) -> None:
+        super().__init__()
+        if not eps > 0:
+            raise ValueError(f"eps must be positive, got {eps!r}: masked neighbours have no direction")
+        self.scales, self.pairs, self.eps, self.vector = tuple(scales), pairs, eps, vector
+        count = len(NEIGHBOURS) // (2 if pairs else 1)
+        for name in BRANCHES:
+            self.register_parameter(name, nn.Parameter(torch.zeros(3 if name == "bias" else count, dtype=dtype)))
+        near, far = (kernels.to(dtype) for kernels in difference_kernels())
+        self.register_buffer("near", near, persistent=False)
+        self.register_buffer("far", far, persistent=False)
+        self.register_buffer("lengths", None if lengths is None else lengths.to(dtype))
+
+    @classmethod
+    def of(cls, cell: Cell, *, dtype: torch.dtype = torch.float32) -> StencilCell:
+        """The torch twin of a cell of the compiled kernel, whose ``eps`` may be 0."""
+        own = cls(eps=cell.eps or 1e-12, dtype=dtype)
+        for name, values in zip(BRANCHES, (*cell.coefficients.T, cell.bias), strict=True):
+            getattr(own, name).data = torch.tensor(values, dtype=dtype)
+        return own
+
+    def branches(self) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """alpha [N/m], beta [N], gamma [N s/m] ``(12,)`` in the order of ``NEIGHBOURS``, and bias ``(3,)`` [N]."""
+        linear, nonlinear, derivative, bias = (getattr(self, n) * s for n, s in zip(BRANCHES, self.scales, strict=True))
+        if self.pairs:
+            linear, nonlinear, derivative = (a.repeat_interleave(2) for a in (linear, nonlinear, derivative))
+        if self.lengths is not None:
+            linear, nonlinear = linear / self.lengths, nonlinear - linear
+        return linear, nonlinear, derivative, bias
+
+    def cell(self) -> Cell:
+        """The same numbers for the compiled kernel."""
+        *weights, bias = (branch.detach().double().cpu().numpy() for branch in self.branches())
+        return Cell(np.stack(weights, 1), bias, self.eps)
+
+    def differences(self, field: Tensor) -> Tensor:
+        """``(B, 3, H, W)`` at the neighbours less at the vertex, ``(B, 3, 12, H, W)``, 0 where there is none."""
+        batch, axes, rows, cols = field.shape
+        planes = field.reshape(batch * axes, 1, rows, cols)
+        near = functional.conv2d(planes, self.near, padding=1)
+        far = functional.conv2d(planes, self.far, padding=2, dilation=2)
+        return torch.cat([near, far], 1).reshape(batch, axes, -1, rows, cols) * neighbour_mask(rows, cols, field)
+
+    def forward(self, positions: Tensor, velocities: Tensor) -> Tensor:
+        """Forces ``(B, 3, H, W)`` [N]."""
+        alpha, beta, gamma, bias = self.branches()
+        d, w = self.differences(positions), self.differences(velocities)
+
+        def norm(a: Tensor) -> Tensor:
+            return a.sum(1, keepdim=True) if self.vector else a
+
+        n = d * torch.rsqrt(norm(d * d) + self.eps)
+        channels = (alpha, d), (beta, n), (gamma, norm(w * n) * n)
+        total = sum(torch.einsum("c,bkcij->bkij", weight, feature) for weight, feature in channels)
+        return total + bias[:, None, None]
+
+
+def neighbour_mask(rows: int, cols: int, like: Tensor) -> Tensor:
+    """1 where a vertex has the neighbour, 0 beyond the border, ``(12, rows, cols)``."""
+    r, c = torch.arange(rows, device=like.device), torch.arange(cols, device=like.device)
+    offsets = torch.as_tensor(NEIGHBOURS, device=like.device)
+    down, right = r + offsets[:, :1], c + offsets[:, 1:]
+    there = ((down >= 0) & (down < rows))[:, :, None] & ((right >= 0) & (right < cols))[:, None, :]
+    return there.to(like.dtype)
+
+
+class Ball(NamedTuple):
+    """``centre`` and ``velocity`` ``(B, 3)``, ``radius`` [m]; ``keep`` is what a step inside leaves of a velocity."""
+
+    centre: Tensor
+    velocity: Tensor
+    radius: float
+    keep: float
+
+
+class Held(NamedTuple):
+    """Driven particles: flat ``vertices`` ``(N,)``, their ``places`` and ``rates`` ``(B, 3, N)`` after the step."""
+
+    vertices: Tensor
+    places: Tensor
+    rates: Tensor
+
+
+def pressure_force(positions: Tensor, pressure: Tensor) -> Tensor:
+    """Eq. 3, ``p sum r_a x r_b`` over four pairs of nearest neighbours, for ``pressure`` ``(B,)`` [Pa].
+
+    It is ``p (right - left) x (up - down)``, where a missing neighbour counts as lying on the particle.
+    """
+    spread = functional.pad(positions, (1, 1, 1, 1), mode="replicate")
+    across = spread[..., 1:-1, 2:] - spread[..., 1:-1, :-2]
+    up = spread[..., :-2, 1:-1] - spread[..., 2:, 1:-1]
+    return pressure[:, None, None, None] * torch.linalg.cross(across, up, dim=1)
+
+
+def hit_ball(positions: Tensor, velocities: Tensor, ball: Ball) -> Tensor:
+    """Velocities after a step inside a ball: no inward part, then ``keep`` of the rest, relative to the ball."""
+    moving = ball.velocity[:, :, None, None]
+    d, u = positions - ball.centre[:, :, None, None], velocities - moving
+    away = d.norm(dim=1, keepdim=True)
+    n = d / away.clamp_min(torch.finfo(d.dtype).tiny)
+    left = ball.keep * (u - (u * n).sum(1, keepdim=True).clamp_max(0) * n)
+    return torch.where(away < ball.radius, left + moving, velocities)
+
+
+def step(
+    cell: Force,
+    positions: Tensor,
+    velocities: Tensor,
+    *,
+    dt: float,
+    mass: float = 1.0,
+    decay: float = 1.0,
+    pressure: Tensor | None = None,
+    forces: Sequence[Force] = (),
+    balls: Sequence[Ball] = (),
+    held: Held | None = None,
+) -> tuple[Tensor, Tensor]:
+    """One semi-implicit step of fig. 2: the cell, what is plugged in, constraints, then ``x += dt v`` (eq. 5).
+
+    Args:
+        dt: [s]. mass: of a particle [kg]. decay: what air drag leaves of a velocity in a step.
+        pressure: ``(B,)`` [Pa] of eq. 3.
+        forces: more of them, from a simulator or from sub-networks [N].
+        balls: contact with friction.
+        held: boundary conditions, encoded hard: these particles go where they are driven.
+    """
+    force = cell(positions, velocities)
+    if pressure is not None:
+        force = force + pressure_force(positions, pressure)
+    for extra in forces:
+        force = force + extra(positions, velocities)
+    velocities = (velocities + dt / mass * force) * decay
+    for ball in balls:
+        velocities = hit_ball(positions, velocities, ball)
+    positions = positions + dt * velocities
+    if held is not None:
+        shape = positions.shape
+        positions = positions.flatten(2).index_copy(2, held.vertices, held.places).reshape(shape)
+        velocities = velocities.flatten(2).index_copy(2, held.vertices, held.rates).reshape(shape)
+    return positions, velocities

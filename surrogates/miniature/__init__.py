@@ -1,0 +1,1 @@
+"""Coarse physics and an upscaler."""

@@ -1,0 +1,1 @@
+"""From the coarse cloth to the fine one."""

@@ -1,0 +1,1 @@
+"""Orders of convergence and the chaos floor."""

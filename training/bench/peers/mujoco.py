@@ -1,0 +1,125 @@
+"""MuJoCo in ``minicloth bench peers``: a flex whose elasticity stands for the same sheet.
+
+As its documentation recommends for cloth (Modeling, Deformables): ``integrator="discrete"`` and ``solver="Newton"``
+with continuum elasticity of a shell; also the quicker edge constraints under ``implicitfast``. A Saint
+Venant-Kirchhoff membrane has two constants, a sheet of springs three: the membrane matches the stiffness along the
+threads, ``stretch + shear`` [N/m] with its diagonals, and across them, ``shear``; it shears 1.7 times stiffer. Its
+thickness gives the same bending stiffness. Masses, drag, damping, pins, radius and friction are ours. The wind is
+computed by our NumPy twin once a step and enters as a force; its time is not counted.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from cloth_envs.physics.laws.air import wind_forces
+from training.bench.peers.scenes import Setup, Stopwatch
+
+METHODS = ("elastic", "membrane", "edges")
+CONTACT = "0.004 1"  # solref of contact: the stiff end of what the documentation recommends
+
+
+def sheet(setup: Setup) -> tuple[float, float, float]:
+    """Young's modulus [Pa], Poisson's ratio and thickness [m] of the shell; ``E t`` and ``E t^3`` are what counts."""
+    m = setup.scene.material
+    along, across = m.stretch_stiffness + m.shear_stiffness, m.shear_stiffness
+    poisson = across / along
+    young_thickness = along * (1 - poisson**2)
+    thickness = float(np.sqrt(12 * m.bend_stiffness * (1 - poisson**2) / young_thickness))
+    return young_thickness / thickness, poisson, thickness
+
+
+def document(setup: Setup, method: str, step: float, solver: str, iterations: int, solref: float, passive: bool) -> str:
+    """The model as MJCF."""
+    scene, grid = setup.scene, setup.scene.grid
+    young, poisson, thickness = sheet(setup)
+    points = " ".join(f"{value:.9g}" for value in np.moveaxis(setup.rest, 0, -1).ravel())
+    elements = " ".join(map(str, grid.triangles.ravel()))
+    held = f'<pin id="{" ".join(map(str, scene.handles))}"/>' if scene.handles else ""
+    integrator = "implicitfast" if method == "edges" else "discrete"
+    terms = {"elastic": "both", "membrane": "stretch"}
+    cloth = (
+        f'<edge equality="true" solref="{solref} 1"/>'
+        if method == "edges"
+        else f'<elasticity young="{young}" poisson="{poisson}" thickness="{thickness}" '
+        f'damping="{scene.material.damping}" elastic2d="{terms[method]}"/>'
+    )
+    body = scene.colliders[0] if scene.colliders else None
+    sphere = f'<geom type="sphere" size="{body.radius}" friction="{body.friction} 0 0"/>' if body else ""
+    friction = f'friction="{body.friction} 0 0"' if body else ""
+    contact = f'<contact selfcollide="none" solref="{CONTACT}" passive="{str(passive).lower()}" {friction}/>'
+    flags = f'<flag autoreset="disable" contact="{"enable" if body else "disable"}"/>'
+    return f"""<mujoco>
+      <option timestep="{step}" integrator="{integrator}" solver="{solver}" iterations="{iterations}"
+              tolerance="1e-6" gravity="0 0 {-scene.gravity}">{flags}</option>
+      <size memory="1G"/>
+      <worldbody>{sphere}
+        <flexcomp name="cloth" type="direct" dim="2" radius="{scene.thickness}" mass="{scene.mass.sum()}"
+                  point="{points}" element="{elements}">{held}{cloth}{contact}</flexcomp>
+      </worldbody></mujoco>"""
+
+
+class MujocoCloth:
+    """``method``: ``"elastic"`` (stretch and bending), ``"membrane"`` (stretch), ``"edges"`` (constraints).
+
+    Args:
+        substeps: of a frame.
+        solver, iterations: of the constraints.
+        solref: time constant of the edges' constraints [s].
+        passive: contact by implicit penalty forces, without friction.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        method: str = "elastic",
+        substeps: int = 1,
+        solver: str = "Newton",
+        iterations: int = 100,
+        solref: float = 0.004,
+        passive: bool = False,
+    ) -> None:
+        mujoco.set_mju_user_warning(lambda _: None)  # keeps it from writing a log file where it is run
+        self._setup, self.substeps = setup, substeps
+        scene = setup.scene
+        text = document(setup, method, scene.frame_dt / substeps, solver, iterations, solref, passive)
+        self.model = mujoco.MjModel.from_xml_string(text)
+        self.free = ~setup.pins
+        self.model.body_mass[1:] = scene.mass[self.free]
+        self.model.dof_damping[:] = np.repeat(scene.mass[self.free], 3) * (scene.material.drag if scene.drag else 0)
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_setConst(self.model, self.data)
+        self.reset()
+
+    @property
+    def masses(self) -> np.ndarray:
+        """Of the vertices, ``(rows, cols)`` [kg]; pinned ones belong to the world and have our mass."""
+        out = self._setup.scene.mass.copy()
+        out[self.free] = self.model.body_mass[1:]
+        return out
+
+    def reset(self) -> None:
+        mujoco.mj_resetData(self.model, self.data)
+        offset = self._setup.start.positions[0] - self._setup.rest
+        self.data.qpos[:] = offset[:, self.free].T.ravel()
+
+    def advance(self) -> tuple[float, float]:
+        watch = Stopwatch()
+        if self._setup.scene.wind is None:
+            with watch:
+                mujoco.mj_step(self.model, self.data, self.substeps)
+        else:
+            for _ in range(self.substeps):
+                x, v = self.state()
+                force = wind_forces(self._setup.scene, x[None], v[None], self._setup.controls.wind)[0]
+                self.data.qfrc_applied[:] = force[:, self.free].T.ravel()
+                with watch:
+                    mujoco.mj_step(self.model, self.data)
+        return watch.wall, watch.cpu
+
+    def state(self) -> tuple[np.ndarray, np.ndarray]:
+        x, v = self._setup.rest.copy(), np.zeros_like(self._setup.rest)
+        x[:, self.free] += self.data.qpos.reshape(-1, 3).T
+        v[:, self.free] = self.data.qvel.reshape(-1, 3).T
+        return x, v

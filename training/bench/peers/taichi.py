@@ -1,0 +1,258 @@
+"""Taichi in ``minicloth bench peers``: the same springs, explicit and by XPBD, in plain kernels of our own.
+
+The explicit one gathers the forces of a vertex from its twelve neighbours, as tutorials do; whole frames run in one
+serial kernel over arrays of structures, the fastest of the four ways tried on one thread (parallel or serial, arrays
+of structures or structures of arrays). Annotations of kernels must be real objects: no lazy annotations here.
+"""
+
+import math
+import os
+from typing import Any
+
+import numpy as np
+
+os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+
+import taichi as ti
+
+from cloth_envs.physics.explicit.stability import stable_step
+from cloth_envs.physics.laws.stencil import edges
+from training.bench.peers.scenes import Setup, Stopwatch
+
+METHODS = ("explicit", "xpbd")
+PAD = 2  # vertices of no stiffness around the grid: no neighbour is missing
+_started = False
+
+
+def start() -> None:
+    """Taichi on one thread, once a process."""
+    global _started
+    if not _started:
+        ti.init(arch=ti.cpu, cpu_max_num_threads=1, default_fp=ti.f32, log_level=ti.ERROR)
+        _started = True
+
+
+@ti.data_oriented
+class TaichiCloth:
+    """``method`` is ``"explicit"`` (symplectic Euler) or ``"xpbd"`` (Macklin et al. 2016, ``iterations`` a substep).
+
+    Args:
+        refine: the explicit method's substeps are the stable number times this.
+        substeps: of XPBD, a frame.
+    """
+
+    def __init__(
+        self, setup: Setup, method: str = "explicit", refine: float = 1, substeps: int = 1, iterations: int = 1
+    ) -> None:
+        start()
+        scene, grid = setup.scene, setup.scene.grid
+        material = scene.material
+        self._setup, self.method, self.iterations = setup, method, iterations
+        if method == "explicit":
+            substeps = math.ceil(math.ceil(scene.frame_dt / stable_step(scene, material)) * refine)
+        self.substeps, self.masses = substeps, scene.mass
+        self.rows, self.cols = grid.shape
+        a, b = grid.row_spacing, grid.col_spacing
+        # (row, column, class of the spring, rest length) of the neighbour at the far end of a vertex's own springs.
+        self.own = ((0, 1, 0, b), (1, 0, 1, a), (1, 1, 2, grid.diagonal), (1, -1, 3, grid.diagonal))
+        self.damping = material.damping
+        self.gravity, self.drag = scene.gravity, material.drag if scene.drag else 0.0
+        air = scene.wind
+        self.windy = air is not None
+        self.normal = air.air_density * air.normal if air else 0.0
+        self.tangential = air.air_density * air.tangential if air else 0.0
+        body = scene.colliders[0] if scene.colliders else None
+        self.body = body is not None
+        self.radius = body.radius + scene.thickness if body else 0.0
+        self.friction = body.friction if body else 0.0
+
+        shape = (self.rows + 2 * PAD, self.cols + 2 * PAD)
+        inside = (slice(PAD, -PAD),) * 2
+        self.x, self.v, self.f, self.old = (ti.Vector.field(3, ti.f32, shape=shape) for _ in range(4))
+        self.k, self.multiplier = (ti.Vector.field(4, ti.f32, shape=shape) for _ in range(2))
+        self.g = ti.Vector.field(2, ti.f32, shape=shape)
+        self.bend = ti.Matrix.field(2, 3, ti.f32, shape=shape)  # multipliers
+        self.inverse = ti.field(ti.f32, shape=shape)
+        springs, bends = np.zeros((*shape, 4), np.float32), np.zeros((*shape, 2), np.float32)
+        for kind, edge in enumerate(edges(grid)):
+            modulus = getattr(material, edge.modulus)
+            row, col = np.divmod(edge.first, grid.cols)
+            springs[row + PAD, col + PAD, kind] = modulus * edge.weight
+        areas = grid.areas
+        bends[PAD:-PAD, PAD + 1 : -PAD - 1, 0] = (material.bend_stiffness * areas / b**4)[:, 1:-1]
+        bends[PAD + 1 : -PAD - 1, PAD:-PAD, 1] = (material.bend_stiffness * areas / a**4)[1:-1]
+        inverse = np.zeros(shape, np.float32)
+        inverse[inside] = np.where(setup.pins, 0, 1 / self.masses)
+        # Padding needs a place of its own: a spring of no stiffness must still have a length.
+        padded = np.zeros((*shape, 3), np.float32)
+        padded[..., 0], padded[..., 1] = np.arange(shape[1]), np.arange(shape[0])[:, None]
+        padded[inside] = np.moveaxis(setup.start.positions[0], 0, -1)
+        self._begin = padded
+        self.k.from_numpy(springs)
+        self.g.from_numpy(bends)
+        self.inverse.from_numpy(inverse)
+        self.reset()
+        self.advance()  # compiles
+        self.reset()
+
+    def reset(self) -> None:
+        self.x.from_numpy(self._begin)
+        self.v.fill(0)
+
+    def advance(self) -> tuple[float, float]:
+        h = self._setup.scene.frame_dt / self.substeps
+        decay = math.exp(-self.drag * h)
+        push = h if self.drag == 0 else (1 - decay) / self.drag
+        frame: Any = self.explicit if self.method == "explicit" else self.xpbd
+        watch = Stopwatch()
+        with watch:
+            frame(self.substeps, h, decay, push, *self._setup.controls.wind[0])
+            ti.sync()
+        return watch.wall, watch.cpu
+
+    def state(self) -> tuple[np.ndarray, np.ndarray]:
+        inside = (slice(PAD, -PAD),) * 2
+        x, v = (np.moveaxis(field.to_numpy()[inside], -1, 0).astype(np.float64) for field in (self.x, self.v))
+        return x, v
+
+    @ti.func
+    def internal(self, i, j):  # type: ignore[no-untyped-def]
+        """Springs, dashpots and quadratic bending on a vertex."""
+        x, v = self.x[i, j], self.v[i, j]
+        force = ti.Vector([0.0, 0.0, 0.0])
+        for di, dj, kind, rest in ti.static(self.own):
+            for side in ti.static((1, -1)):
+                k = self.k[i, j][kind] if ti.static(side == 1) else self.k[i - di, j - dj][kind]
+                d = self.x[i + side * di, j + side * dj] - x
+                w = self.v[i + side * di, j + side * dj] - v
+                r = 1.0 / ti.sqrt(d.dot(d))
+                force += (k * (1.0 - rest * r + self.damping * d.dot(w) * r * r)) * d
+        for di, dj, kind in ti.static(((0, 1, 0), (1, 0, 1))):
+            before, after = self.x[i - di, j - dj], self.x[i + di, j + dj]
+            force += 2.0 * self.g[i, j][kind] * (before - 2.0 * x + after)
+            force -= self.g[i - di, j - dj][kind] * (self.x[i - 2 * di, j - 2 * dj] - 2.0 * before + x)
+            force -= self.g[i + di, j + dj][kind] * (x - 2.0 * after + self.x[i + 2 * di, j + 2 * dj])
+        return force
+
+    @ti.func
+    def air(self, wind):  # type: ignore[no-untyped-def]
+        """Wejchert & Haumann 1991 on the triangles of both diagonals, each with half its force, added to ``f``."""
+        for i in range(PAD, PAD + self.rows - 1):
+            for j in range(PAD, PAD + self.cols - 1):
+                for p, q, r in ti.static(
+                    (
+                        ((0, 0), (1, 0), (1, 1)),
+                        ((0, 0), (1, 1), (0, 1)),
+                        ((0, 0), (1, 0), (0, 1)),
+                        ((1, 0), (1, 1), (0, 1)),
+                    )
+                ):
+                    a, b, c = (i + p[0], j + p[1]), (i + q[0], j + q[1]), (i + r[0], j + r[1])
+                    normal = (self.x[b] - self.x[a]).cross(self.x[c] - self.x[a])
+                    twice = ti.sqrt(normal.dot(normal)) + 1e-20
+                    n = normal / twice
+                    relative = (self.v[a] + self.v[b] + self.v[c]) / 3.0 - wind
+                    across = n.dot(relative)
+                    along = relative - across * n
+                    stress = self.normal * ti.abs(across) * across * n
+                    stress += self.tangential * ti.sqrt(along.dot(along)) * along
+                    force = -twice / 24.0 * stress
+                    self.f[a] = self.f[a] + force
+                    self.f[b] = self.f[b] + force
+                    self.f[c] = self.f[c] + force
+
+    @ti.func
+    def contact(self, x, v, h):  # type: ignore[no-untyped-def]
+        """Out of the sphere at the origin, with Coulomb friction."""
+        size = ti.sqrt(x.dot(x))
+        if size < self.radius:
+            n = x / size
+            speed = n.dot(v)
+            stop = ti.max(-speed, 0.0)
+            slide = v - speed * n
+            hold = ti.min(self.friction * stop / (ti.sqrt(slide.dot(slide)) + 1e-20), 1.0)
+            x = x + (self.radius - size) * n - h * hold * slide
+            v = v + stop * n - hold * slide
+        return x, v
+
+    @ti.kernel
+    def explicit(self, n: ti.i32, h: ti.f32, decay: ti.f32, push: ti.f32, wx: ti.f32, wy: ti.f32, wz: ti.f32):  # type: ignore[no-untyped-def]
+        ti.loop_config(serialize=True)
+        for _substep in range(n):
+            for i in range(PAD, PAD + self.rows):
+                for j in range(PAD, PAD + self.cols):
+                    self.f[i, j] = self.internal(i, j)
+            if ti.static(self.windy):
+                self.air(ti.Vector([wx, wy, wz]))
+            for i in range(PAD, PAD + self.rows):
+                for j in range(PAD, PAD + self.cols):
+                    w = self.inverse[i, j]
+                    if w > 0.0:
+                        v = self.v[i, j] * decay + (self.f[i, j] * w + ti.Vector([0.0, 0.0, -self.gravity])) * push
+                        x = self.x[i, j] + h * v
+                        if ti.static(self.body):
+                            x, v = self.contact(x, v, h)
+                        self.x[i, j] = x
+                        self.v[i, j] = v
+
+    @ti.kernel
+    def xpbd(self, n: ti.i32, h: ti.f32, decay: ti.f32, push: ti.f32, wx: ti.f32, wy: ti.f32, wz: ti.f32):  # type: ignore[no-untyped-def]
+        ti.loop_config(serialize=True)
+        for _substep in range(n):
+            if ti.static(self.windy):
+                for i in range(PAD, PAD + self.rows):
+                    for j in range(PAD, PAD + self.cols):
+                        self.f[i, j] = ti.Vector([0.0, 0.0, 0.0])
+                self.air(ti.Vector([wx, wy, wz]))
+            for i in range(PAD, PAD + self.rows):
+                for j in range(PAD, PAD + self.cols):
+                    self.old[i, j] = self.x[i, j]
+                    w = self.inverse[i, j]
+                    if w > 0.0:
+                        pull = ti.Vector([0.0, 0.0, -self.gravity])
+                        if ti.static(self.windy):
+                            pull += self.f[i, j] * w
+                        self.x[i, j] = self.x[i, j] + h * (self.v[i, j] * decay + pull * push)
+                    self.multiplier[i, j] = ti.Vector([0.0, 0.0, 0.0, 0.0])
+                    self.bend[i, j] = ti.Matrix([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+            for _iteration in range(self.iterations):
+                for i in range(PAD, PAD + self.rows):
+                    for j in range(PAD, PAD + self.cols):
+                        self.project(i, j, h)
+            for i in range(PAD, PAD + self.rows):
+                for j in range(PAD, PAD + self.cols):
+                    if self.inverse[i, j] > 0.0:
+                        x = self.x[i, j]
+                        v = (x - self.old[i, j]) / h
+                        if ti.static(self.body):
+                            x, v = self.contact(x, v, h)
+                        self.x[i, j] = x
+                        self.v[i, j] = v
+
+    @ti.func
+    def project(self, i, j, h):  # type: ignore[no-untyped-def]
+        """The springs that a vertex owns and its two bending terms, one after the other (Gauss-Seidel)."""
+        for di, dj, kind, rest in ti.static(self.own):
+            k = self.k[i, j][kind]
+            w, u = self.inverse[i, j], self.inverse[i + di, j + dj]
+            if k > 0.0 and w + u > 0.0:
+                soft = 1.0 / (k * h * h)
+                d = self.x[i + di, j + dj] - self.x[i, j]
+                size = ti.sqrt(d.dot(d))
+                step = -(size - rest + soft * self.multiplier[i, j][kind]) / (w + u + soft)
+                self.multiplier[i, j][kind] = self.multiplier[i, j][kind] + step
+                self.x[i, j] = self.x[i, j] - (w * step / size) * d
+                self.x[i + di, j + dj] = self.x[i + di, j + dj] + (u * step / size) * d
+        for di, dj, kind in ti.static(((0, 1, 0), (1, 0, 1))):
+            g = self.g[i, j][kind]
+            if g > 0.0:
+                before, middle, after = self.inverse[i - di, j - dj], self.inverse[i, j], self.inverse[i + di, j + dj]
+                soft = 1.0 / (g * h * h)
+                c = self.x[i - di, j - dj] - 2.0 * self.x[i, j] + self.x[i + di, j + dj]
+                held = ti.Vector([self.bend[i, j][kind, 0], self.bend[i, j][kind, 1], self.bend[i, j][kind, 2]])
+                step = -(c + soft * held) / (before + 4.0 * middle + after + soft)
+                for axis in ti.static(range(3)):
+                    self.bend[i, j][kind, axis] = held[axis] + step[axis]
+                self.x[i - di, j - dj] = self.x[i - di, j - dj] + before * step
+                self.x[i, j] = self.x[i, j] - 2.0 * middle * step
+                self.x[i + di, j + dj] = self.x[i + di, j + dj] + after * step

@@ -1,0 +1,222 @@
+"""Charts of ``minicloth bench speed-accuracy``: error against wall-clock time a frame, drawn from its rows only."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cloth_envs.style import GRID, INK, import_figure, limits
+from training.bench.participants import FLOOR, ORACLE
+from training.bench.speed_accuracy.rows import Summary, factor_of, front
+
+WIDTH, COLUMNS, PANEL = 7.2, 2, 2.55  # inches: the width of a page, and the height of a panel
+SHADE, SOFT, YELLOW = "#b9c2c9", "#66727c", "#f6e8b1"
+MOST = 120.0  # % of the length; what is farther off is not drawn
+OVERVIEW_FRAMES = 5
+
+
+@dataclass(frozen=True)
+class Curve:
+    """How a family is drawn; colours are Okabe & Ito's (2008), distinct for every kind of colour vision."""
+
+    name: str
+    color: str
+    marker: str
+    line: str = "-"
+    small: bool = False
+
+
+CURVES = {
+    "explicit": Curve("explicit, full grid", "#0072B2", "o"),
+    "admm": Curve("P-ADMM, 1-100 iterations", "#009E73", "D"),
+    "admm substeps": Curve("P-ADMM, 2-16 substeps", "#009E73", "d", "--"),
+    "implicit": Curve("implicit Euler, by tolerance", "#56B4E9", "v"),
+    "implicit substeps": Curve("implicit SDIRK2, 1-4 substeps", "#56B4E9", ">", "--"),
+    "miniature seed": Curve("miniature, seed scaling", "#CC79A7", "s"),
+    "miniature similar": Curve("miniature, similar (coarse + bicubic)", "#E69F00", "^"),
+    "miniature calibrated": Curve("miniature, calibrated", "#D55E00", "P"),
+    "calibrated ridge": Curve("calibrated, ridge upscaler", "#D55E00", "1", ":", True),
+    "calibrated local": Curve("calibrated, local network", "#D55E00", "*", "--"),
+    "miniature closure": Curve("miniature, closure", "#000000", "p"),
+    "closure local": Curve("closure, local network", "#000000", "*", "--"),
+    "closure learned": Curve("closure, learned correction", "#D81B60", "P", "--"),
+    "cnn": Curve("physics-embedded CNN, full grid", "#4B0082", "h"),
+    "calibrated + offset": Curve("calibrated + constant offset", "#D55E00", "+", ":", True),
+    "similar + offset": Curve("similar + constant offset", "#E69F00", "+", ":", True),
+    "coarse bilinear": Curve("coarse + bilinear", "#8a6d1f", "1", ":", True),
+    "coarse biquadratic": Curve("coarse + biquadratic", "#8a6d1f", "2", ":", True),
+}
+LINES = {"repeat last frame": "last frame again", "constant velocity": "constant velocity"}
+LABELLED = ("miniature similar",)  # whose points tell their grid factor
+
+
+def _curve(axes: Any, curve: Curve, rows: Sequence[Summary], value: str) -> Any:
+    """Points of one family joined in the order of their time; returns its entry of the legend."""
+    from matplotlib.lines import Line2D
+
+    x, y = [r.ms_median for r in rows], [getattr(r, value) for r in rows]
+    look: dict[str, Any] = {"color": curve.color, "ls": curve.line, "lw": 0.8 if curve.small else 1.3}
+    edge = curve.color if curve.marker in "+12" else "white"
+    dot: dict[str, Any] = {"marker": curve.marker, "ms": 4 if curve.small else 5.5, "mec": edge, "mew": 0.7}
+    whole = [i for i, row in enumerate(rows) if not row.failure]  # the others are means of what survived
+    axes.plot([x[i] for i in whole], [y[i] for i in whole], zorder=3, **look)
+    axes.hlines(y, [r.ms_q1 for r in rows], [r.ms_q3 for r in rows], color=curve.color, lw=0.8, zorder=3)
+    for row, *at in zip(rows, x, y, strict=True):
+        own = dict(dot)
+        if row.failure:
+            own |= {"marker": "x", "mec": curve.color}
+        elif not row.passes:
+            own |= {"mfc": "white", "mec": curve.color, "mew": 1.0}
+        axes.plot(*at, color=curve.color, zorder=4, **own)
+    return Line2D([], [], **look, **dot)
+
+
+def panel(axes: Any, rows: Sequence[Summary], *, value: str = "error") -> dict[str, Any]:
+    """Draw one scene at one horizon (``value="error"``) or its long runs (``"long"``); returns the legend's entries."""
+    rows = [r for r in rows if 0 < getattr(r, value) <= MOST or (value == "long" and getattr(r, value) > 0)]
+    shown = [r for r in rows if r.family in CURVES and np.isfinite(r.ms_median)]
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    handles: dict[str, Any] = {}
+    if not shown:
+        axes.text(0.5, 0.5, "no rows", transform=axes.transAxes, ha="center", color=SOFT, fontsize=8)
+        return handles
+    for family, curve in CURVES.items():
+        mine = sorted((r for r in shown if r.family == family), key=lambda r: r.ms_median)
+        if mine:
+            handles[curve.name] = _curve(axes, curve, mine, value)
+    longs = [r.long for r in rows if r.family == FLOOR]
+    floor = max([r.floor for r in rows] if value == "error" else longs, default=np.nan)
+    values = [getattr(r, value) for r in rows if r.family in CURVES or r.family in LINES]
+    oracle = [r for r in rows if r.family == ORACLE and '"bicubic"' in r.options] if value == "error" else []
+    low = min([*values, *(getattr(r, value) for r in oracle)])
+    bottom, top = limits(low, max(values), 0.06)
+    axes.set_ylim(bottom, top)
+    left, right = limits(min(r.ms_median for r in shown), max(r.ms_median for r in shown), 0.07)
+    axes.set_xlim(left, right)
+    if floor > bottom:
+        axes.axhspan(bottom, floor, color=SHADE, alpha=0.5, lw=0, zorder=1)
+    if floor > 0:
+        axes.set_title(f"chaos floor {floor:.{1 if floor < 1 else 2}g} %", loc="right", fontsize=6.5, color=SOFT, pad=4)
+    best = front(rows, value)
+    if len(best) > 1:
+        axes.step([r.ms_median for r in best], [getattr(r, value) for r in best], where="post", color=YELLOW, lw=4,
+                  zorder=1.5, solid_capstyle="round", solid_joinstyle="round")  # fmt: skip
+    _beside(axes, rows, oracle, value)
+    return handles
+
+
+def _beside(axes: Any, rows: Sequence[Summary], oracle: Sequence[Summary], value: str) -> None:
+    """What has no place on the axis of time: extrapolations and the oracle as lines, and the labels of factors."""
+    from matplotlib.patheffects import withStroke
+
+    halo = [withStroke(linewidth=2, foreground="white")]
+    left, right = axes.get_xlim()
+    lines = [getattr(r, value) for r in rows if r.family in LINES]
+    for r in rows:
+        at = getattr(r, value)
+        top = bool(lines) and at == max(lines)
+        if r.family in LINES and value == "error":
+            axes.axhline(at, color=SOFT, ls=(0, (1, 2)), lw=0.9, zorder=2)
+            axes.annotate(
+                LINES[r.family], (right, at), (-2, 1.5 if top else -2), textcoords="offset points", ha="right",
+                va="bottom" if top else "top", fontsize=6.5, color=SOFT, path_effects=halo, zorder=5,
+            )  # fmt: skip
+        if r.family in LABELLED and np.isfinite(r.ms_median):
+            axes.annotate(
+                f"\u00d7{factor_of(r.options):g}", (r.ms_median, at), (0, 5), textcoords="offset points", ha="center",
+                va="bottom", fontsize=6.5, color=INK, path_effects=halo, zorder=5,
+            )  # fmt: skip
+    for r in oracle:
+        axes.plot([left, left * (right / left) ** 0.045], [r.error] * 2, color=INK, lw=1.4, zorder=4, clip_on=False)
+        axes.annotate(
+            f"\u00d7{factor_of(r.options):g}", (left * (right / left) ** 0.05, r.error), (1, 0),
+            textcoords="offset points", ha="left", va="center", fontsize=6.5, color=INK, path_effects=halo, zorder=5,
+        )  # fmt: skip
+
+
+def dress(axes: Any, title: str) -> None:
+    axes.set_title(title, loc="left", fontsize=9, fontweight="bold", color=INK, pad=4)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(lambda value, _: f"{value:g}")
+        axis.set_minor_formatter(lambda value, _: "")
+    axes.grid(True, which="major", color=GRID, lw=0.7)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.tick_params(colors=INK, which="both", labelsize=7.5)
+    axes.tick_params(which="minor", length=1.5)
+
+
+NOTE = (
+    "Lower left is better. Yellow: the front. Bars: quartiles of the time. Hollow: the mean height is off by over 5 % "
+    "of its way. Cross: some windows failed, mean of the others. \u00d72: grid factor. Ticks at the left edge: the "
+    "exact coarse cloth, bicubic: what interpolation alone loses. Grey: below the chaos floor, errors mean nothing."
+)
+
+
+def finish(figure: Any, note: str, paths: Sequence[Path]) -> None:
+    """The note below the panels, then the files."""
+    figure.supxlabel("wall-clock time of a simulated frame, one thread [ms]", fontsize=8.5, color=INK)
+    text = "\n".join(textwrap.wrap(note, 140))
+    figure.text(0.01, -0.01, text, fontsize=7, color=SOFT, va="top", ha="left", linespacing=1.35)
+    for path in paths:
+        figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.1, facecolor="white")
+
+
+def legend(place: Any, handles: dict[str, Any], where: str, columns: int) -> None:
+    """What the curves are, in the order of ``CURVES``, on a figure or in an empty panel."""
+    ordered = [curve.name for curve in CURVES.values() if curve.name in handles]
+    place.legend(
+        [handles[name] for name in ordered], ordered, loc=where, ncols=columns, frameon=False, fontsize=7.5,
+        handlelength=3, columnspacing=1.6, labelspacing=0.6, labelcolor=INK,
+    )  # fmt: skip
+
+
+def grid(count: int) -> tuple[Any, list[Any]]:
+    """A figure as wide as a page and at least ``count`` panels."""
+    high = -(-count // COLUMNS)
+    figure = import_figure()(figsize=(WIDTH, PANEL * high + 0.5), layout="constrained")
+    figure.get_layout_engine().set(hspace=0.04, wspace=0.04)
+    panels = figure.subplots(high, COLUMNS, squeeze=False).ravel().tolist()
+    for axes in panels[count:]:
+        axes.set_axis_off()
+    for axes in panels[:count:COLUMNS]:
+        axes.set_ylabel("mean vertex error [% of length]", fontsize=7.5, color=INK)
+    return figure, panels
+
+
+def scene(rows: Sequence[Summary], name: str, paths: Sequence[Path], *, setup: str) -> None:
+    """A panel a horizon, and one for the statistics of long runs."""
+    mine = [r for r in rows if r.scene == name]
+    horizons = sorted({r.frames for r in mine})
+    figure, panels = grid(len(horizons) + 1)
+    handles: dict[str, Any] = {}
+    for axes, frames in zip(panels, horizons, strict=False):
+        handles |= panel(axes, [r for r in mine if r.frames == frames])
+        dress(axes, f"{name}, after {frames} frame{'s' * (frames > 1)}")
+    long = panels[len(horizons)]
+    handles |= panel(long, [r for r in mine if r.frames == horizons[-1]], value="long")
+    dress(long, f"{name}, long runs")
+    long.set_ylabel("distance of the statistics [%]", fontsize=7.5, color=INK)
+    if len(panels) > len(horizons) + 1:
+        legend(panels[-1], handles, "center left", 1)
+    else:
+        legend(figure, handles, "outside upper center", 3)
+    finish(figure, f"{setup}. {NOTE}", paths)
+
+
+def overview(rows: Sequence[Summary], paths: Sequence[Path], *, setup: str, frames: int = OVERVIEW_FRAMES) -> None:
+    """A panel a scene, at one horizon."""
+    names = list(dict.fromkeys(r.scene for r in rows))
+    figure, panels = grid(len(names))
+    handles: dict[str, Any] = {}
+    for axes, name in zip(panels, names, strict=False):
+        handles |= panel(axes, [r for r in rows if (r.scene, r.frames) == (name, frames)])
+        dress(axes, f"{name}, after {frames} frames")
+    legend(figure, handles, "outside upper center", 3)
+    finish(figure, f"{setup}. {NOTE}", paths)

@@ -1,0 +1,187 @@
+"""Rows of the speed-accuracy benchmark put together: one for each method and horizon, its table, and what they show."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from training.bench.measure import MEASURED, Long, Score
+from training.bench.participants import FLOOR, ORACLE, label
+from training.bench.speed_accuracy.cost import Cost
+from training.bench.windows import rounded
+
+TIMES = ("ms_q1", "ms_median", "ms_q3", "ms_best", "upscale_ms")
+GATE = 0.05  # of the way that the mean height goes
+MARGIN = 1.5  # that a calibration is to win by
+BASELINE = "miniature similar"
+CHEAPER = {2: 4.0, 4: 20.0}  # grid factor -> how much cheaper than the reference a miniature is to be
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A method after ``frames``: time of a frame [ms], errors [% of the cloth's length] as mean, least and largest of
+    the seeds, and the means of the other metrics.
+
+    ``floor`` is the chaos floor of the same windows, below which an error means nothing. ``skill`` is against coarse
+    physics and bicubic upscaling (of the method's own grid factor, or 2). ``gate`` is the median over the seeds,
+    ``long`` the distance of long-run statistics [%].
+    """
+
+    scene: str
+    family: str
+    options: str
+    frames: int
+    windows: int
+    ms_q1: float
+    ms_median: float
+    ms_q3: float
+    ms_best: float
+    upscale_ms: float
+    error: float
+    error_low: float
+    error_high: float
+    floor: float
+    skill: float
+    error_p95: float
+    error_max: float
+    relative_l2: float
+    psnr: float
+    vmse: float
+    max_dx: float
+    normal_deg: float
+    curvature: float
+    bending_ratio: float
+    detail_ratio: float
+    flicker: float
+    depth_max: float
+    inside: float
+    tunnelled: float
+    crossings: float
+    gate: float
+    long: float
+    failure: str
+
+    @property
+    def passes(self) -> bool:
+        """It did not fail and its cloth falls as fast as the truth's (unknown counts as passed)."""
+        return not self.failure and not self.gate > GATE
+
+
+def factor_of(options: str) -> float:
+    """The grid factor among a row's options, or 2."""
+    return float(json.loads(options).get("factor", 2))
+
+
+def mean(values: Sequence[float]) -> float:
+    """Of those that are known."""
+    known = [v for v in values if not np.isnan(v)]
+    return float(np.mean(known)) if known else float("nan")
+
+
+def summaries(scores: Sequence[Score], costs: Sequence[Cost], longs: Sequence[Long]) -> list[Summary]:
+    """One row for each scene, method and horizon."""
+    groups: dict[tuple[str, str, str, int], list[Score]] = {}
+    for s in scores:
+        groups.setdefault((s.scene, s.family, s.options, s.frames), []).append(s)
+    errors = {key: mean([s.error_mean for s in mine]) for key, mine in groups.items()}
+    times = {(c.scene, c.family, c.options): c for c in costs if c.batch == 1}
+    out = []
+    for (scene, family, options, frames), mine in groups.items():
+        key = scene, family, options
+        time = times.get(key)
+        runs = [r for r in longs if (r.scene, r.family, r.options) == key]
+        base = next(
+            (e for (s, f, o, h), e in errors.items()
+             if (s, f, h) == (scene, BASELINE, frames) and factor_of(o) == factor_of(options)), np.nan,
+        )  # fmt: skip
+        own = [s.error_mean for s in mine if not np.isnan(s.error_mean)] or [float("nan")]
+        means = {n: mean([getattr(s, n) for s in mine]) for n in MEASURED if n in Summary.__dataclass_fields__}
+        failed = [s.failure.split(" of ", 1) for s in mine if s.failure]
+        bad, windows = sum(int(count) for count, _ in failed), sum(s.windows for s in mine)
+        gates = [r.gate for r in runs if not np.isnan(r.gate)]
+        row = Summary(
+            scene=scene,
+            family=family,
+            options=options,
+            frames=frames,
+            windows=windows,
+            **{
+                n: getattr(time, n) if time else np.nan
+                for n in ("ms_q1", "ms_median", "ms_q3", "ms_best", "upscale_ms")
+            },
+            error=errors[scene, family, options, frames],
+            error_low=min(own),
+            error_high=max(own),
+            floor=errors.get((scene, FLOOR, "{}", frames), np.nan),
+            skill=1 - errors[scene, family, options, frames] / base,
+            **means,
+            gate=float(np.median(gates)) if gates else np.nan,
+            long=mean([r.score for r in runs]) if not any(r.failure for r in runs) else np.nan,
+            failure=f"{bad} of {windows}: {failed[0][1].split(': ', 1)[1]}" if bad else "",
+        )
+        out.append(rounded(row))
+    return out
+
+
+def front(rows: Sequence[Summary], value: str = "error") -> list[Summary]:
+    """The rows that nothing passing is both faster and closer than; errors below the chaos floor count as that."""
+    best, out = np.inf, []
+    for row in sorted(rows, key=lambda r: (r.ms_median, r.error)):
+        found = max(getattr(row, value), row.floor if value == "error" and row.floor > 0 else 0)
+        if row.passes and row.family not in (ORACLE, FLOOR) and np.isfinite(row.ms_median) and found < best:
+            best = found
+            out.append(row)
+    return out
+
+
+def table(rows: Sequence[Summary]) -> str:
+    """Errors after every horizon, one line a method. An error in brackets is below the chaos floor."""
+    lines = []
+    horizons = sorted({r.frames for r in rows})
+    for scene in dict.fromkeys(r.scene for r in rows):
+        mine = {(r.family, r.options, r.frames): r for r in rows if r.scene == scene}
+        heads = "".join(f"{f'{h} fr.':>10s}" for h in horizons)
+        lines.append(f"\n{scene:46s}{'ms (quartiles)':>22s}{heads}{'gate':>7s}{'long':>8s}")
+        for family, options in dict.fromkeys((f, o) for f, o, _ in mine):
+            found = [mine[family, options, h] for h in horizons if (family, options, h) in mine]
+            r = found[-1]
+            time = f"{r.ms_median:.3g} ({r.ms_q1:.3g}-{r.ms_q3:.3g})" if np.isfinite(r.ms_median) else ""
+            texts = [f"({x.error:.2g})" if x.error < x.floor else f"{x.error:.3g}" for x in found]
+            gate = "" if np.isnan(r.gate) else f"{100 * r.gate:.0f}%"
+            lines.append(
+                f"{label(family, options):46s}{time:>22s}{''.join(f'{t:>10s}' for t in texts)}{gate:>7s}{r.long:8.3g}"
+                + (f"  {r.failure[:60]}" if r.failure else "")
+            )
+    return "\n".join(lines)
+
+
+def claims(rows: Sequence[Summary], frames: int = 5) -> str:
+    """What issue and design ask of the miniature, with the figures."""
+    lines = [
+        f"\nMiniature, error after {frames} frames and time against explicit at full resolution (upscaling included)"
+    ]
+    at = {(r.scene, r.family, r.options): r for r in rows if r.frames == frames}
+    wins: dict[float, int] = {}
+    for scene in dict.fromkeys(r.scene for r in rows):
+        full = at.get((scene, "explicit", "{}"))
+        for factor in (2, 3, 4):
+            text = json.dumps({"factor": factor})
+            seed, similar, fitted = (at.get((scene, f"miniature {s}", text)) for s in ("seed", "similar", "calibrated"))
+            if not seed or not similar:
+                continue
+            line = f"{scene:10s} x{factor}: similar {similar.error:.3g} %, seed {seed.error / similar.error:.2f} x that"
+            if fitted and fitted.error > 0:
+                gain = similar.error / fitted.error
+                wins[factor] = wins.get(factor, 0) + (gain >= MARGIN)
+                line += f", calibrated {gain:.2f} x closer"
+            if full and full.ms_median > 0:
+                cheaper, best = full.ms_median / similar.ms_median, full.ms_best / similar.ms_best
+                goal = f" (goal {CHEAPER[factor]:g})" if factor in CHEAPER else ""
+                line += f"; {cheaper:.1f} x cheaper{goal}, {best:.1f} by best times"
+                line += f", upscaling {100 * similar.upscale_ms / similar.ms_median:.0f} % of it"
+            lines.append(line)
+    lines += [f"calibrated wins by {MARGIN:g} or more at x{f:g}: {n} scenes" for f, n in sorted(wins.items())]
+    return "\n".join(lines)

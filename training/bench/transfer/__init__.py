@@ -1,0 +1,1 @@
+"""Policies trained on surrogates, scored on the solver."""

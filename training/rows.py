@@ -1,0 +1,70 @@
+"""Rows on disk: a benchmark that was stopped goes on where it was."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from cloth_envs.naming import unknown_name
+from training.bench.throughput.run import write_rows
+
+Row = TypeVar("Row")
+_READ: dict[str, Callable[[str], Any]] = {"str": str, "int": int, "float": float}
+
+
+def read_names(text: str, known: Sequence[str], what: str) -> list[str]:
+    """Names that a comma separates.
+
+    Raises:
+        ValueError: a name that is not ``known``; the nearest match is told.
+    """
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    for name in names:
+        if name not in known:
+            raise unknown_name(what, name, known)
+    return names
+
+
+def read_rows(path: Path, kind: type[Row]) -> list[Row]:
+    """Dataclasses of str, int and float from the CSV that ``write_rows`` wrote.
+
+    Raises:
+        ValueError: the file has other columns.
+    """
+    types = {field.name: _READ[str(field.type)] for field in fields(kind)}  # type: ignore[arg-type]
+    with path.open(newline="") as file:
+        reader = csv.DictReader(file)
+        if reader.fieldnames != list(types):
+            raise ValueError(f"{path} has other columns than this version writes: remove it, or choose another --out")
+        return [kind(**{name: types[name](text) for name, text in row.items()}) for row in reader]
+
+
+class Store(Generic[Row]):
+    """Rows of one kind, known by the fields ``key``; written to ``path`` (if any) whenever one is added."""
+
+    def __init__(self, path: Path | None, kind: type[Row], key: Iterable[str], *, fresh: bool = False) -> None:
+        self.path, self.kind, self.key = path, kind, tuple(key)
+        old = path is not None and path.is_file() and not fresh
+        self.rows: list[Row] = read_rows(path, kind) if old and path else []
+        self._known = {self._of(row) for row in self.rows}
+
+    def _of(self, row: Row) -> tuple[Any, ...]:
+        return tuple(getattr(row, name) for name in self.key)
+
+    def __contains__(self, key: tuple[Any, ...]) -> bool:
+        return key in self._known
+
+    def add(self, *rows: Row) -> None:
+        """Append ``rows``, each in place of one with the same key."""
+        new = {self._of(row) for row in rows}
+        if new & self._known:
+            self.rows = [old for old in self.rows if self._of(old) not in new]
+        self.rows += rows
+        self._known |= new
+        if self.path is not None:
+            part = self.path.with_suffix(".part")
+            write_rows(part, self.rows)
+            part.replace(self.path)
