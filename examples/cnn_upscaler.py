@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 
-from cloth_envs.backend import make_backend
+from cloth_envs.registry import make_backend
 from cloth_envs.state import State
 from cloth_envs.world import World
 from surrogates.miniature.coarse import coarse_scene

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cloth_envs.backend import make_backend
 from cloth_envs.physics.solver import reference
+from cloth_envs.registry import make_backend
 from cloth_envs.resample import resample, weights
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
