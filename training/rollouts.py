@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
-from time import perf_counter, process_time
+from time import perf_counter, process_time, thread_time
 from typing import NamedTuple
 
 import numpy as np
@@ -87,22 +87,29 @@ def record(world: World, actions: np.ndarray, keep: Iterable[int], *, seeds: Seq
 
 
 class Seconds(NamedTuple):
-    """Time that a frame took [s]: on the wall, and of the processor, whatever else ran on it meanwhile."""
+    """Time that a frame took [s].
+
+    ``wall`` is by the clock, ``step`` its part until ``advance`` returned (a lazy backend infers its cloth after it),
+    ``cpu`` of the processor, whatever else ran on it meanwhile, and ``thread`` of this thread alone.
+    """
 
     wall: float
+    step: float
     cpu: float
+    thread: float
 
 
 def replay(
-    backend: Backend, start: State, controls: Sequence[Controls], materials: Sequence[Material] | None = None
+    backend: Backend, start: State, controls: Iterable[Controls], materials: Sequence[Material] | None = None
 ) -> Iterator[tuple[State, Seconds]]:
     """The state after every frame from ``start``, and the time that the backend took for it."""
     backend.reset(start, materials)
     for control in controls:
-        wall, cpu = perf_counter(), process_time()
+        thread, cpu, wall = thread_time(), process_time(), perf_counter()
         state = backend.advance(control)
+        step = perf_counter() - wall
         state.positions, state.velocities  # noqa: B018  a lazy backend infers them now
-        yield state, Seconds(perf_counter() - wall, process_time() - cpu)
+        yield state, Seconds(perf_counter() - wall, step, process_time() - cpu, thread_time() - thread)
 
 
 def stack_states(states: Sequence[State]) -> State:
