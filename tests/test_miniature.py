@@ -17,10 +17,12 @@ from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.registry import SCENES
 from cloth_envs.resample import KINDS
 from cloth_envs.scene import Collider, Scene, Wind
-from cloth_envs.state import Controls, State
+from cloth_envs.state import Controls, LazyState, State
 from cloth_envs.world import World
-from surrogates.miniature.backend import MiniatureBackend, UpscaledState
-from surrogates.miniature.coarse import Handles, coarse_grid, miniature_material
+from surrogates.miniature.backend import MiniatureBackend
+from surrogates.miniature.closure import miniature_material
+from surrogates.miniature.coarse import coarse_grid
+from surrogates.miniature.handles import Handles
 
 SMALL = {"Curtain": (49, 33), "Flag": (17, 25), "Collision": (25, 17)}
 
@@ -131,7 +133,7 @@ def test_the_fine_cloth_is_computed_when_it_is_read() -> None:
     env = make("Hanging")
     env.reset(seed=0)
     state = env._world.backend.advance(Controls.hold(env.state, env.scene.handles))
-    assert isinstance(state, UpscaledState)
+    assert isinstance(state, LazyState)
     assert state.batch == 1
     assert "positions" not in vars(state)
     first = state.positions
@@ -191,14 +193,14 @@ def test_the_guard_interpolates_what_a_network_tears() -> None:
     calm = backend.advance(controls).positions
     assert not backend.guarded.any()
     assert not np.array_equal(calm, plain.advance(controls).positions)
-    sound = backend._up.positions
+    sound = backend.upscaling.positions
 
     def torn(history: Any) -> np.ndarray:
         fine = sound(history)
         fine[1, :, 30, 30] += scene.grid.row_spacing
         return fine
 
-    backend._up.positions = torn  # type: ignore[method-assign]
+    backend.upscaling.positions = torn  # type: ignore[method-assign]
     saved, wanted = backend.advance(controls).positions, plain.advance(controls).positions
     assert backend.guarded.tolist() == [False, True]
     assert np.array_equal(saved[1], wanted[1])
