@@ -97,13 +97,13 @@ class Rollout:
     def actions(self, trajectory: int = 0) -> np.ndarray:
         """``(T, A)``; entry t led to frame t."""
         length = self.length(trajectory)
-        return (
-            self._file["actions"][trajectory, :length] if "actions" in self._file else np.zeros((length, 0), np.float32)
-        )
+        if "actions" not in self._file:
+            return np.zeros((length, 0))
+        return self._file["actions"][trajectory, :length].astype(np.float64)
 
     def rewards(self, trajectory: int = 0) -> np.ndarray:
         """``(T,)``."""
-        return self._file["scalars/reward"][trajectory, : self.length(trajectory)]
+        return self._file["scalars/reward"][trajectory, : self.length(trajectory)].astype(np.float64)
 
     def material(self, trajectory: int = 0) -> Material:
         """The material of one trajectory."""
@@ -119,7 +119,7 @@ class Rollout:
         length = self.length(trajectory)
         if not 0 <= frame < length:
             raise ValueError(f"there is no frame {frame}: trajectory {trajectory} holds {length}, numbered from 0")
-        bodies = np.zeros((1, 0, 2, 3), np.float32)
+        bodies = np.zeros((1, 0, 2, 3), self._file[PATHS["positions"]].dtype)
         parts = {
             name: self._file[path][trajectory, frame : frame + 1] if path in self._file else bodies
             for name, path in PATHS.items()
