@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from _minicloth_kernels import clip_actions, gather
 from gymnasium import spaces
 
 from cloth_envs.backend import make_backend
@@ -16,6 +15,8 @@ from cloth_envs.material import PROPERTIES, Material, as_material
 from cloth_envs.naming import unknown_name
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import load_task
+from cloth_envs.scenes.drives import clip_actions
+from cloth_envs.scenes.measures import gather
 from cloth_envs.scenes.task import Episode, Start
 from cloth_envs.state import Controls, State
 
