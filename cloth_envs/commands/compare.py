@@ -10,7 +10,8 @@ from cloth_envs.commands import chart, tables
 from cloth_envs.commands.entries import choose_entries
 from cloth_envs.commands.film import film
 from cloth_envs.commands.measure import compare
-from cloth_envs.commands.outputs import check_folder, import_imageio
+from cloth_envs.commands.outputs import import_imageio
+from cloth_envs.files import check_folder
 from cloth_envs.policies import open_loop
 from cloth_envs.registry import load_task
 from cloth_envs.rendering.renderer import import_pyvista

@@ -72,7 +72,7 @@ class Rollout:
             if version > LAYOUT_VERSION:
                 raise ValueError(
                     f"{path} has layout version {version}, MiniCloth {package_version()} reads up to {LAYOUT_VERSION}: "
-                    "pip install --upgrade minicloth"
+                    "read it with the version that wrote it, or a newer one"
                 )
             return cls(file)
         except (KeyError, TypeError, OSError) as error:

@@ -10,6 +10,7 @@ import gymnasium as gym
 import h5py
 import numpy as np
 
+from cloth_envs.files import cannot_write
 from cloth_envs.material import PROPERTIES, Material
 from cloth_envs.recording.layout import PATHS, lay_out
 from cloth_envs.scene import Scene
@@ -58,9 +59,7 @@ class RolloutWriter:
         try:
             self._file = h5py.File(self.path, "w", libver="latest")
         except OSError as error:
-            folder = self.path.absolute().parent
-            advice = "choose a path that you may write" if folder.is_dir() else f"create the folder {folder} first"
-            raise OSError(f"can't write {self.path} ({error.strerror or error}): {advice}") from error
+            raise cannot_write(self.path, error) from error
         self._actions, self._spec = actions, spec
         self._frames: dict[str, h5py.Dataset] = {}
         self._rows: dict[str, list[np.ndarray]] = {}
@@ -68,7 +67,7 @@ class RolloutWriter:
         self._trajectory, self._written = -1, 0
 
     def begin(self, seed: int | None = None, material: Material | None = None) -> None:
-        """Start the next trajectory, of ``material`` (default: the scene's); its first frame brings it into the file."""
+        """Start the next trajectory, of ``material`` (default: the scene's), with the next frame."""
         self._write()
         self._next = (-1 if seed is None else seed, material or self.scene.material)
 
