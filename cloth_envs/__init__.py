@@ -9,9 +9,21 @@ from cloth_envs.material import FABRICS, Material
 from cloth_envs.registry import BACKENDS, EPISODE_FRAMES, SCENES, env_id
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
+from cloth_envs.version import __version__
 
-__version__ = "0.1.0"
-__all__ = ["BACKENDS", "FABRICS", "SCENES", "Collider", "Controls", "Material", "Scene", "State", "Wind", "env_id"]
+__all__ = [
+    "BACKENDS",
+    "FABRICS",
+    "SCENES",
+    "Collider",
+    "Controls",
+    "Material",
+    "Scene",
+    "State",
+    "Wind",
+    "__version__",
+    "env_id",
+]
 
 for _name in SCENES:
     register(

@@ -17,7 +17,7 @@ from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import load_task
 from cloth_envs.scenes.drives import clip_actions
 from cloth_envs.scenes.measures import gather
-from cloth_envs.scenes.task import Episode, Start
+from cloth_envs.scenes.task import Episode, Start, Task
 from cloth_envs.state import Controls, State
 
 OBSERVATIONS = ("keypoints", "mesh")
@@ -58,7 +58,7 @@ class World:
         base = as_material(material, task_class.material)
         self.ranges = _check_ranges(randomize)
         shape = _check_resolution(resolution, task_class.resolution)
-        self.task = task_class(task_class.make_scene(resolution=shape, material=base))
+        self.task: Task = task_class(task_class.make_scene(resolution=shape, material=base))
         self.scene = self.task.scene
         if backend == "reference" and "solver" not in (backend_kwargs or {}):
             backend_kwargs = {**solver_of(preset), **(backend_kwargs or {})}

@@ -15,6 +15,7 @@ from cloth_envs.files import check_folder
 from cloth_envs.policies import open_loop
 from cloth_envs.registry import load_task
 from cloth_envs.rendering.renderer import import_pyvista
+from cloth_envs.style import import_figure
 
 FRAMES, HORIZON = 120, 10
 
@@ -43,7 +44,7 @@ def compare_scene(
     task = load_task(scene)
     actions = open_loop(policy, frames, len(task.actions), task.frame_dt, seed)
     folder = check_folder(out or f"compare_{scene.lower()}")
-    chart.import_figure()
+    import_figure()
     if video:
         import_imageio()
         import_pyvista()

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from cloth_envs import __version__
+from cloth_envs.version import __version__
 
 
 def _count(text: str) -> int:

@@ -12,6 +12,7 @@ from cloth_envs.grid import Grid
 from cloth_envs.material import PROPERTIES, Material
 from cloth_envs.particles import Particles
 from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.version import __version__
 
 LAYOUT_VERSION = 2
 SMALL_CHUNK = 64  # frames, or trajectories, of everything but the cloth
@@ -26,12 +27,6 @@ PATHS = {
     "pressure": "scalars/pressure",
     "time": "dimensions/time",
 }
-
-
-def package_version() -> str:
-    from cloth_envs import __version__
-
-    return __version__
 
 
 def scene_to_json(scene: Scene) -> str:
@@ -60,7 +55,7 @@ def lay_out(file: h5py.File, scene: Scene, *, dtype: np.dtype, chunk: int, actio
         layout_version=LAYOUT_VERSION,
         scene=scene_to_json(scene),
         env_spec=env_spec,
-        package_version=package_version(),
+        package_version=__version__,
         units=UNITS,
         dataset_name=f"minicloth_{scene.name}",
         grid_type="cartesian",

@@ -11,8 +11,9 @@ import h5py
 import numpy as np
 
 from cloth_envs.material import PROPERTIES, Material
-from cloth_envs.recording.layout import LAYOUT_VERSION, PATHS, package_version, scene_from_json
+from cloth_envs.recording.layout import LAYOUT_VERSION, PATHS, scene_from_json
 from cloth_envs.state import State
+from cloth_envs.version import __version__
 
 
 def has_writer(path: Path) -> bool:
@@ -71,7 +72,7 @@ class Rollout:
                 raise ValueError(f"{path} is HDF5 but no MiniCloth rollout: give a file that RolloutWriter made")
             if version > LAYOUT_VERSION:
                 raise ValueError(
-                    f"{path} has layout version {version}, MiniCloth {package_version()} reads up to {LAYOUT_VERSION}: "
+                    f"{path} has layout version {version}, MiniCloth {__version__} reads up to {LAYOUT_VERSION}: "
                     "read it with the version that wrote it, or a newer one"
                 )
             return cls(file)

@@ -130,12 +130,11 @@ class Renderer:
 
     def _distances(self) -> np.ndarray:
         # Plotter.get_image_depth converts in float32, where the empty background can't be told from far things.
-        from vtkmodules.util.numpy_support import vtk_to_numpy
         from vtkmodules.vtkCommonCore import vtkFloatArray
 
-        buffer = vtkFloatArray()
+        buffer: Any = vtkFloatArray()  # an array to NumPy, unknown to its stubs
         self._plotter.render_window.GetZbufferData(0, 0, self.width - 1, self.height - 1, buffer)
-        z = vtk_to_numpy(buffer).astype(float).reshape(self.height, self.width)[::-1]
+        z = np.frombuffer(buffer, np.float32).astype(float).reshape(self.height, self.width)[::-1]
         near, far = self._plotter.camera.clipping_range
         return np.where(z < 1, near * far / (far - z * (far - near)), np.inf).astype(np.float32)
 

@@ -91,6 +91,11 @@ class Task(ABC):
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
         """The scene on ``grid``."""
 
+    @classmethod
+    def with_options(cls, **options: float) -> type[Task]:
+        """The task with some of its ``options`` changed; for those that have any."""
+        raise NotImplementedError(f"{cls.__name__} says how its options {', '.join(options)} change it")
+
     @abstractmethod
     def start(self, rng: np.random.Generator) -> Start:
         """A random start; draws only from ``rng``."""

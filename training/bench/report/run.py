@@ -12,10 +12,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from cloth_envs import __version__
 from cloth_envs.extras import install
 from cloth_envs.files import check_file
 from cloth_envs.registry import SCENES
+from cloth_envs.version import __version__
 from training.bench.benchmark import BENCHMARKS
 from training.bench.report import page
 from training.bench.report.tables import learned, scenes, survived
