@@ -132,7 +132,7 @@ def test_every_handle_is_followed_and_no_coarse_vertex_is_driven_far_from_one() 
 def test_the_fine_cloth_is_computed_when_it_is_read() -> None:
     env = make("Hanging")
     env.reset(seed=0)
-    state = env._world.backend.advance(Controls.hold(env.state, env.scene.handles))
+    state = env.world.backend.advance(Controls.hold(env.state, env.scene.handles))
     assert isinstance(state, LazyState)
     assert state.batch == 1
     assert "positions" not in vars(state)
