@@ -110,7 +110,7 @@ def test_handles_stay_where_they_are_driven_and_the_cloth_stays_whole(scene: str
     for _ in range(10):
         _, _, failed, _, info = env.step(env.action_space.sample())
         assert not failed, info
-    world = env._world
+    world = env.world
     controls = env.task.controls(world.episode)
     held = world.backend.advance(controls).positions.reshape(3, -1)[:, list(env.scene.handles)]
     np.testing.assert_array_equal(held.T, controls.handle_positions[0].astype(np.float32))
