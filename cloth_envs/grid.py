@@ -49,6 +49,11 @@ class Grid:
         return self.rows * self.cols
 
     @property
+    def length(self) -> float:
+        """The longer side [m]: what errors are told in parts of."""
+        return max(self.height, self.width)
+
+    @property
     def row_spacing(self) -> float:
         """Rest length [m] of the edges between rows."""
         return self.height / (self.rows - 1)

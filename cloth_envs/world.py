@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from _minicloth_kernels import clip_actions, gather
 from gymnasium import spaces
 
 from cloth_envs.failure import Failures
@@ -15,8 +14,10 @@ from cloth_envs.material import PROPERTIES, Material, as_material
 from cloth_envs.naming import unknown_name
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import load_task, make_backend
-from cloth_envs.scenes.task import Episode, Start
-from cloth_envs.state import State
+from cloth_envs.scenes.drives import clip_actions
+from cloth_envs.scenes.measures import gather
+from cloth_envs.scenes.task import Episode, Start, Task
+from cloth_envs.state import Controls, State
 
 OBSERVATIONS = ("keypoints", "mesh")
 POSITION_BOUND = 20.0  # m; observations are clipped to it
@@ -25,6 +26,9 @@ VELOCITY_BOUND = 100.0  # m/s
 
 class World:
     """``num_envs`` episodes of one scene on one backend.
+
+    Attributes:
+        controls: what the last ``step`` gave to the backend; None before the first.
 
     Raises:
         ValueError: unknown scene, preset, backend, fabric, property or observation (the nearest match is
@@ -53,7 +57,7 @@ class World:
         base = as_material(material, task_class.material)
         self.ranges = _check_ranges(randomize)
         shape = _check_resolution(resolution, task_class.resolution)
-        self.task = task_class(task_class.make_scene(resolution=shape, material=base))
+        self.task: Task = task_class(task_class.make_scene(resolution=shape, material=base))
         self.scene = self.task.scene
         if backend == "reference" and "solver" not in (backend_kwargs or {}):
             backend_kwargs = {**solver_of(preset), **(backend_kwargs or {})}
@@ -64,6 +68,7 @@ class World:
         self.materials = [base] * num_envs
         self.frames = np.zeros(num_envs, np.int64)
         self.episode: Episode | None = None
+        self.controls: Controls | None = None
 
         bound = np.concatenate(
             [
@@ -161,7 +166,8 @@ class World:
             raise ValueError("action holds NaN or infinity; the state is unchanged, pass numbers in [-1, 1]")
         episode = self.episode
         episode.action = clipped
-        episode.state = self.backend.advance(self.task.controls(episode))
+        self.controls = self.task.controls(episode)
+        episode.state = self.backend.advance(self.controls)
         self.frames += 1
         reasons = self.failures.check(before, episode.state)
         failed = [i for i, reason in enumerate(reasons) if reason]

@@ -21,8 +21,8 @@ from surrogates.checkpoint import save
 from surrogates.upscale.local import weights_name
 from training.dataset import data_hash, read, shards
 from training.generate import data_folder
-from training.local_data import FRAMES, Windows, pairs
-from training.train_local import Recipe, centred, fit_net, small
+from training.local_data import FRAMES, Windows, pairs, small
+from training.train_local import Recipe, centred, fit_net
 from training.train_upscaler import work_folder
 
 PRESET, FACTOR = "lee2019", 2

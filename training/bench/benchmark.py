@@ -1,0 +1,186 @@
+"""What a benchmark is: one description, which the command line, the report and the tests read.
+
+A room (``training/bench/<room>/``) holds ``rows.py`` (frozen dataclasses and the tables made of them), ``run.py`` (what
+measures them, and the ``BENCHMARK``) and, where there is one, ``chart.py`` (draws from rows only).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from cloth_envs.machine import header
+from cloth_envs.naming import unknown_name
+from cloth_envs.registry import SCENES
+from training.cache import cache_folder
+from training.rows import Store, read_names, read_rows
+
+# name on the command line -> "module:BENCHMARK", imported on use.
+BENCHMARKS: dict[str, str] = {
+    "convergence": "training.bench.convergence.run:BENCHMARK",
+    "mesh": "training.bench.mesh.run:BENCHMARK",
+    "peers": "training.bench.peers.run:BENCHMARK",
+    "speed-accuracy": "training.bench.speed_accuracy.run:BENCHMARK",
+    "stability": "training.bench.stability.run:BENCHMARK",
+    "tables": "training.bench.papers.run:BENCHMARK",
+    "throughput": "training.bench.throughput.run:BENCHMARK",
+    "transfer": "training.bench.transfer.run:BENCHMARK",
+}
+
+
+@dataclass(frozen=True)
+class RowFile:
+    """A CSV of rows: the class of its rows, and the fields that tell one row from another."""
+
+    kind: type
+    key: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Part:
+    """What is shown of some rows: ``show`` takes the rows of every stem of ``files`` and makes text of them."""
+
+    title: str
+    files: tuple[str, ...]
+    show: Callable[..., str]
+    options: str = ""  # what the benchmark needs on the command line to write them
+
+
+class Session:
+    """One call of a benchmark: its options, its rows on disk (in memory without ``--out``), what it says of itself."""
+
+    def __init__(self, benchmark: Benchmark, given: argparse.Namespace) -> None:
+        self.benchmark, self.given = benchmark, given
+        self.quick: bool = given.quick
+        self.out: Path | None = given.out
+        self.images: Path | None = given.images or given.out
+        self.scenes: list[str] = read_names(given.scenes, list(SCENES), "scene")
+        self.about: dict[str, Any] = {**header(), "revision": revision(), "quick": given.quick}
+        self._stores: dict[str, Store[Any]] = {}
+
+    def cache(self, kind: str) -> Path:
+        """The folder of what takes long to make, ``--cache`` or among the user's caches."""
+        return cache_folder(kind, self.given.cache)
+
+    def store(self, stem: str) -> Store[Any]:
+        """The rows of ``<stem>.csv``; those that it holds are kept unless ``--fresh``."""
+        if stem not in self._stores:
+            file = self.benchmark.files[stem]
+            path = self.out / f"{stem}.csv" if self.out else None
+            self._stores[stem] = Store(path, file.kind, file.key, fresh=self.given.fresh)
+        return self._stores[stem]
+
+    def rows(self) -> dict[str, list[Any]]:
+        """Rows by stem: what this call's stores hold, or else what is on disk."""
+        found = {stem: store.rows for stem, store in self._stores.items()}
+        return found if self.out is None else {**saved(self.benchmark, self.out), **found}
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """A benchmark, registered once.
+
+    Attributes:
+        name: on the command line; its JSON header is ``<name with _>.json``.
+        about: one sentence, "Error against ...".
+        files: stem of a CSV -> what its rows are.
+        parts: tables for people, in the order in which they are shown.
+        measure: fills the session's stores.
+        charts: stem of a picture -> what it shows; drawn by ``draw(rows by stem, folder, setup)``.
+        options: adds options of its own to the parser.
+    """
+
+    name: str
+    about: str
+    files: Mapping[str, RowFile]
+    parts: Sequence[Part]
+    measure: Callable[[Session], None]
+    charts: Mapping[str, str] | None = None
+    draw: Callable[[Mapping[str, list[Any]], Path, str], None] | None = None
+    options: Callable[[argparse.ArgumentParser], None] | None = None
+
+    @property
+    def header(self) -> str:
+        """Stem of the JSON file that says on what and how the rows were measured."""
+        return self.name.replace("-", "_")
+
+    def parser(self) -> argparse.ArgumentParser:
+        """The options that all benchmarks have, and its own."""
+        top = argparse.ArgumentParser(prog=f"minicloth bench {self.name}", description=self.about)
+        top.add_argument("--scenes", default=",".join(SCENES), help="default: all")
+        top.add_argument("--quick", action="store_true", help="a trial run in 2 minutes; says that it is quick")
+        top.add_argument("--out", type=Path, help="folder for rows (CSV), their header (JSON) and charts")
+        top.add_argument("--images", type=Path, help="another folder for the charts")
+        top.add_argument("--chart-only", action="store_true", help="draw what --out holds, measure nothing")
+        top.add_argument("--cache", type=Path, help="folder of what takes long to make (default: the user's caches)")
+        top.add_argument("--fresh", action="store_true", help="measure again what --out holds")
+        top.add_argument(
+            "--backend", action="append", default=[], metavar="NAME[=JSON]", help="one more to measure; may repeat"
+        )
+        if self.options:
+            self.options(top)
+        return top
+
+    def main(self, argv: Sequence[str]) -> int:
+        """Measure what is missing, print the tables, write rows, header and charts."""
+        session = Session(self, self.parser().parse_args(argv))
+        if session.given.chart_only:
+            if session.out is None:
+                raise ValueError("--chart-only needs --out, the folder that holds the rows")
+            session.about = json.loads((session.out / f"{self.header}.json").read_text())
+        else:
+            if session.out:
+                session.out.mkdir(parents=True, exist_ok=True)
+            print(setup(session.about))
+            self.measure(session)
+            if session.out:
+                (session.out / f"{self.header}.json").write_text(json.dumps(session.about, indent=2) + "\n")
+        rows = session.rows()
+        for part in self.parts:
+            if all(rows.get(stem) for stem in part.files):
+                print(f"\n{part.title}\n{part.show(*(rows[stem] for stem in part.files))}")
+        if self.draw and session.images:
+            session.images.mkdir(parents=True, exist_ok=True)
+            self.draw(rows, session.images, setup(session.about))
+        if session.out:
+            print(f"rows in {session.out}")
+        return 0
+
+
+def find(name: str) -> Benchmark:
+    """The benchmark of a name.
+
+    Raises:
+        ValueError: there is none; the nearest match is named.
+        ImportError: a package that it needs is missing.
+    """
+    if name not in BENCHMARKS:
+        raise unknown_name("benchmark", name, BENCHMARKS)
+    module, attribute = BENCHMARKS[name].split(":")
+    found: Benchmark = getattr(import_module(module), attribute)
+    return found
+
+
+def saved(benchmark: Benchmark, folder: Path) -> dict[str, list[Any]]:
+    """The rows that ``folder`` holds, by stem."""
+    there = {stem: folder / f"{stem}.csv" for stem in benchmark.files}
+    return {stem: read_rows(path, benchmark.files[stem].kind) for stem, path in there.items() if path.is_file()}
+
+
+def setup(about: Mapping[str, Any]) -> str:
+    """Where and how rows were measured, for the top of a table and the foot of a chart."""
+    quick = ", QUICK: a trial run, not for citing" if about["quick"] else ""
+    return f"{about['processor']}, {about.get('threads', 1)} thread(s){quick}"
+
+
+def revision() -> str:
+    """The commit that this code is at, with ``-dirty`` where files differ from it; empty outside a checkout."""
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=12"]
+    found = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    return found.stdout.strip()

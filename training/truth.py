@@ -1,0 +1,85 @@
+"""Truth of seeded episodes: the states and controls of a run at one of the named refinements, kept in the cache."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from cloth_envs.grid import coarser
+from cloth_envs.physics.truth import TRUTHS
+from cloth_envs.registry import load_task
+from cloth_envs.scene import Scene
+from cloth_envs.state import Controls, State
+from cloth_envs.world import World
+from training.cache import cached_arrays, digest
+from training.rollouts import Recording, record, seeded_actions, stack_controls, stack_states
+
+
+@dataclass(frozen=True)
+class Case:
+    """One episode of a scene under seeded smooth actions, on a grid ``coarse`` times coarser (1/2: finer).
+
+    ``truth`` is one of ``TRUTHS``.
+    """
+
+    scene: str
+    seed: int = 0
+    coarse: float = 1
+    truth: str = "g1"
+
+    def world(self) -> World:
+        resolution = coarser(load_task(self.scene).resolution, self.coarse)
+        return World(self.scene, backend_kwargs=TRUTHS[self.truth], resolution=resolution)
+
+    def record(self, frames: int, keep: Iterable[int]) -> Recording:
+        """The run, computed.
+
+        Raises:
+            ValueError: the truth itself failed.
+        """
+        world = self.world()
+        run = record(world, seeded_actions(world, [self.seed], ["smooth"], frames), keep, seeds=[self.seed])
+        if run.failures[0]:
+            raise ValueError(f"the truth of {self} failed ({run.failures[0]}): choose another seed")
+        return run
+
+
+@dataclass(frozen=True)
+class Truth:
+    """``states`` by frame number, the ``controls`` of every frame, and a ``key`` that tells its content."""
+
+    scene: Scene
+    states: dict[int, State]
+    controls: list[Controls]
+    key: str
+
+
+def load(case: Case, frames: int, keep: Iterable[int], folder: Path) -> Truth:
+    """The truth of ``case``, from ``folder`` if it is there, else computed and stored there.
+
+    Its name is a hash of the case, the scene and the first frame, which is computed anew, so that a changed kernel,
+    task or material is never answered by an old truth.
+    """
+    wanted = sorted(set(keep))
+    first = case.record(1, [0, 1])
+    arrays = [a for item in (*first.states.values(), *first.controls) for a in vars(item).values()]
+    key = digest(case, first.scene, frames, wanted, *arrays)
+
+    def make() -> dict[str, np.ndarray]:
+        run = case.record(frames, wanted)
+        states, controls = stack_states([run.states[f] for f in wanted]), stack_controls(run.controls)
+        return {f"state.{n}": a for n, a in vars(states).items()} | {
+            f"controls.{n}": a for n, a in vars(controls).items()
+        }
+
+    kept = cached_arrays(folder / f"{case.scene.lower()}_{key}.npz", make)
+    states = {f: State(**{n: kept[f"state.{n}"][[i]] for n in _names(State)}) for i, f in enumerate(wanted)}
+    controls = [Controls(**{n: kept[f"controls.{n}"][[i]] for n in _names(Controls)}) for i in range(frames)]
+    return Truth(first.scene, states, controls, key)
+
+
+def _names(kind: type[State] | type[Controls]) -> list[str]:
+    return [field.name for field in fields(kind)]
