@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -27,27 +28,23 @@ def dimensionless(scene: Scene, cell: Cell) -> dict[str, np.ndarray]:
 
 
 class CellNet(ParticleSolver):
-    """A net of particles whose forces are those of ``cell``; the simulator's kernel, step and contact."""
+    """A net of particles whose forces are those of ``cell``; the simulator's kernel, step, contact and ``options``."""
 
-    def __init__(
-        self, scene: Scene, cell: Cell, *, num_envs: int = 1, threads: int = 1, dtype: str = "float32"
-    ) -> None:
-        super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
+    def __init__(self, scene: Scene, cell: Cell, *, dtype: str = "float32", **options: int) -> None:
+        super().__init__(scene, dtype=dtype, **options)
         self._kernel = make_kernel(scene, cell, dtype=dtype)
 
 
 class CellSheet(ExplicitSolver):
-    """A sheet whose material is what a cell was identified to be; the reference's kernel, step and contact.
+    """A sheet whose material is what a cell was identified to be; kernel, contact and ``options`` are the reference's.
 
     ``factors`` multiply the material's stretch, shear, bending and damping, and the scene's gravity (``SHEET``).
     """
 
-    def __init__(
-        self, scene: Scene, factors: Mapping[str, float], *, num_envs: int = 1, threads: int = 1, dtype: str = "float32"
-    ) -> None:
+    def __init__(self, scene: Scene, factors: Mapping[str, float], **options: Any) -> None:
         self._factors = dict(factors)
         gravity = scene.gravity * self._factors.pop("gravity")
-        super().__init__(replace(scene, gravity=gravity), num_envs=num_envs, threads=threads, dtype=dtype)
+        super().__init__(replace(scene, gravity=gravity), **options)
         self.scene = scene
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:

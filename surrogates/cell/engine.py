@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -25,18 +26,10 @@ class TorchNet(ParticleSolver):
     """``CellNet`` in torch: on GPUs, and with forces plugged in."""
 
     def __init__(
-        self,
-        scene: Scene,
-        cell: Cell,
-        *,
-        num_envs: int = 1,
-        threads: int = 1,
-        dtype: str = "float32",
-        device: str = "cpu",
-        forces: Sequence[Force] = (),
+        self, scene: Scene, cell: Cell, *, device: str = "cpu", forces: Sequence[Force] = (), **options: Any
     ) -> None:
-        super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
-        self._options = {"device": torch.device(device), "dtype": getattr(torch, dtype)}
+        super().__init__(scene, **options)
+        self._options = {"device": torch.device(device), "dtype": getattr(torch, self.dtype.name)}
         self.cell = StencilCell.of(cell, dtype=self._options["dtype"]).to(device)
         self._forces = tuple(forces)
         self._held = torch.tensor(scene.handles, dtype=torch.long, device=device)
@@ -81,15 +74,14 @@ class TorchSheet(CellSheet):
         factors: Mapping[str, float],
         *,
         num_envs: int = 1,
-        threads: int = 1,
-        dtype: str = "float32",
         device: str = "cpu",
         forces: Sequence[Force] = (),
+        **options: Any,
     ) -> None:
         self._materials = [scene.material] * num_envs
-        super().__init__(scene, factors, num_envs=num_envs, threads=threads, dtype=dtype)
+        super().__init__(scene, factors, num_envs=num_envs, **options)
         numbers = SHARED[:, : len(SHEET)] @ [factors[name] for name in SHEET]
-        self.cell = SheetCell(scene, numbers, dtype=getattr(torch, dtype)).to(device)
+        self.cell = SheetCell(scene, numbers, dtype=getattr(torch, self.dtype.name)).to(device)
         self._forces = tuple(forces)
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
