@@ -61,7 +61,7 @@ class Participant:
             ImportError: a package that it needs is missing.
         """
         known = keywords(load_backend(self.backend))
-        given = {"truth": truth} if "truth" in known else {}
+        given: dict[str, Any] = {"truth": truth} if "truth" in known else {}
         if threads > 1 and "threads" in known:
             given["threads"] = threads
         return make_backend(self.backend, scene, num_envs=num_envs, backend_kwargs=self.whole | given)

@@ -79,7 +79,8 @@ def _substeps(participant: Participant, backend: Any) -> int:
     """Per frame; 0 of a solver that refused."""
     if isinstance(backend, str):
         return 0
-    return int(np.max(getattr(backend, "substeps", participant.options.get("substeps", 1))))
+    own: Any = getattr(backend, "substeps", participant.options.get("substeps", 1))
+    return int(np.max(own))
 
 
 def chaos(case: Case, after: Sequence[int] = AFTER) -> list[ChaosRow]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from training.bench.participants import label
+from training.bench.participants import FAMILIES, FLOOR, label
 from training.bench.speed_accuracy.rows import SpeedAccuracyRow, front
 from training.rows import rounded
 
@@ -87,11 +87,13 @@ def against(row: SpeedAccuracyRow, rows: Sequence[SpeedAccuracyRow], baselines: 
 
 
 def speedups(rows: Sequence[SpeedAccuracyRow]) -> list[SpeedUpRow]:
-    """Every method and horizon against every set of baselines that it does not belong to."""
+    """Every method (and what ``--backend`` named) and horizon against every set of baselines that it is no part of."""
     return [
         against(row, rows, name)
         for row in rows
-        if row.family in METHODS and row.frames in FRAMES and np.isfinite(row.ms_median)
+        if (row.family in METHODS or row.family not in (*FAMILIES, FLOOR))
+        and row.frames in FRAMES
+        and np.isfinite(row.ms_median)
         for name, families in BASELINES.items()
         if row.family not in families
     ]
