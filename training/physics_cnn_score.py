@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cloth_envs.physics.particles.solver import mass_spring_cell, net_of
-from surrogates.cell.backend import CellNet, dimensional
+from surrogates.cell.compiled import CellNet, dimensional
 from training.physics_cnn_data import STEPS, case
 
 NUDGE = 1e-9  # m, the size of the disturbance that tells how chaotic an animation is
