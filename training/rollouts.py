@@ -1,4 +1,4 @@
-"""The one loop that runs cloth for data and for measurements: record, replay, stack, nudge, retime.
+"""The one loop that runs cloth for data and for measurements: record, play, replay, stack, nudge, retime.
 
 A task's controls follow from the state, so those of a run are recorded once and replayed for every other physics: all
 get the same handles, bodies, wind and pressure.
@@ -6,7 +6,7 @@ get the same handles, bodies, wind and pressure.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from time import perf_counter, process_time, thread_time
 from typing import NamedTuple
@@ -84,6 +84,23 @@ def record(world: World, actions: np.ndarray, keep: Iterable[int], *, seeds: Seq
         if frame in wanted:
             states[frame] = world.state.copy()
     return Recording(world.scene, states, controls, list(world.materials), failures)
+
+
+def play(
+    world: World, policy: Callable[[np.ndarray], np.ndarray], seeds: Sequence[int], frames: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean reward per frame of an episode of every member of ``world``, and which of them failed, both ``(B,)``.
+
+    Member i starts from ``seeds[i]``; ``policy`` turns observations of the batch into actions. A failed one earns
+    nothing from then on.
+    """
+    world.reset({i: np_random(seed)[0] for i, seed in enumerate(seeds)})
+    total, alive = np.zeros(len(seeds)), np.ones(len(seeds), bool)
+    for _ in range(frames):
+        rewards, reasons = world.step(policy(world.observe()))
+        alive &= [reason is None for reason in reasons]
+        total += rewards * alive
+    return total / frames, ~alive
 
 
 class Seconds(NamedTuple):

@@ -23,14 +23,14 @@ from training.rows import Store, read_names, read_rows
 
 # name on the command line -> "module:BENCHMARK", imported on use.
 BENCHMARKS: dict[str, str] = {
-    "convergence": "training.bench.convergence.run:BENCHMARK",
-    "mesh": "training.bench.mesh.run:BENCHMARK",
-    "peers": "training.bench.peers.run:BENCHMARK",
     "speed-accuracy": "training.bench.speed_accuracy.run:BENCHMARK",
     "stability": "training.bench.stability.run:BENCHMARK",
+    "transfer": "training.bench.transfer.run:BENCHMARK",
+    "mesh": "training.bench.mesh.run:BENCHMARK",
+    "convergence": "training.bench.convergence.run:BENCHMARK",
+    "peers": "training.bench.peers.run:BENCHMARK",
     "tables": "training.bench.papers.run:BENCHMARK",
     "throughput": "training.bench.throughput.run:BENCHMARK",
-    "transfer": "training.bench.transfer.run:BENCHMARK",
 }
 
 
@@ -61,7 +61,7 @@ class Session:
         self.out: Path | None = given.out
         self.images: Path | None = given.images or given.out
         usual = list(benchmark.scenes)
-        self.scenes = usual if given.scenes is None else read_names(given.scenes, list(SCENES), "scene")
+        self.scenes = usual if given.scenes is None else read_names(given.scenes, benchmark.known, "scene")
         self.about: dict[str, Any] = {**header(), "revision": revision(), "quick": given.quick}
         if self.out and not given.chart_only:
             self.out.mkdir(parents=True, exist_ok=True)
@@ -101,6 +101,7 @@ class Benchmark:
         parts: tables for people, in the order in which they are shown.
         measure: fills the session's stores.
         scenes: those that are measured unless ``--scenes`` names others.
+        known: what ``--scenes`` may name.
         charts: stem of a picture -> what it shows; drawn by ``draw(rows by stem, folder, setup)``.
         options: adds options of its own to the parser.
     """
@@ -111,6 +112,7 @@ class Benchmark:
     parts: Sequence[Part]
     measure: Callable[[Session], None]
     scenes: Sequence[str] = tuple(SCENES)
+    known: Sequence[str] = tuple(SCENES)
     charts: Mapping[str, str] | None = None
     draw: Callable[[Mapping[str, list[Any]], Path, str], None] | None = None
     options: Callable[[argparse.ArgumentParser], None] | None = None
@@ -193,7 +195,8 @@ def saved(benchmark: Benchmark, folder: Path) -> dict[str, list[Any]]:
 def setup(about: Mapping[str, Any]) -> str:
     """Where and how rows were measured, for the top of a table and the foot of a chart."""
     quick = ", QUICK: a trial run, not for citing" if about["quick"] else ""
-    return f"{about['processor']}, {about.get('threads', 1)} thread(s){quick}"
+    engines = f", {about['engines']}" if about.get("engines") else ""
+    return f"{about['processor']}, {about.get('threads', 1)} thread(s){engines}{quick}"
 
 
 def revision() -> str:

@@ -181,6 +181,17 @@ MESH = [
     _one("closure local", factor=2),
     _one("closure local", factor=4),
 ]
+# What policies are trained on; the first is what they are scored on.
+TRANSFER = [
+    _one("explicit", "reference"),
+    *(
+        _one(f"miniature {scaling}", f"{scaling} x{n}", factor=n)
+        for scaling in ("similar", "calibrated", "closure")
+        for n in (2, 4)
+    ),
+    _one("closure local", "closure local x4", factor=4),
+    _one("closure local", "closure local x4 longer", factor=4),
+]
 
 
 def extra(texts: Sequence[str]) -> list[Participant]:
