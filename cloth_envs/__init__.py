@@ -6,12 +6,24 @@ Importing the package registers ``MiniCloth-<Scene>-v0`` for every scene.
 from gymnasium.envs.registration import register
 
 from cloth_envs.material import FABRICS, Material
-from cloth_envs.registry import BACKENDS, EPISODE_FRAMES, SCENES, env_id
+from cloth_envs.registry import BACKENDS, EPISODE_FRAMES, SCENES, env_id, register_backend
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
 
 __version__ = "0.1.0"
-__all__ = ["BACKENDS", "FABRICS", "SCENES", "Collider", "Controls", "Material", "Scene", "State", "Wind", "env_id"]
+__all__ = [
+    "BACKENDS",
+    "FABRICS",
+    "SCENES",
+    "Collider",
+    "Controls",
+    "Material",
+    "Scene",
+    "State",
+    "Wind",
+    "env_id",
+    "register_backend",
+]
 
 for _name in SCENES:
     register(

@@ -1,14 +1,14 @@
-"""The protocol that every physics obeys, and the factory that finds one by name."""
+"""The protocol that every physics obeys, how one is built, and how one is written in a line."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
-from inspect import signature
+from inspect import Parameter, signature
 from typing import Any, Protocol
 
 import numpy as np
 
-from cloth_envs import registry
 from cloth_envs.material import Material
 from cloth_envs.naming import unknown_name
 from cloth_envs.scene import Scene
@@ -18,8 +18,7 @@ from cloth_envs.state import Controls, State
 class Backend(Protocol):
     """Physics for a batch of cloths of one scene.
 
-    A backend is built as ``BackendClass(scene, **backend_kwargs)``. It owns its state: callers read
-    ``state`` and copy what they keep.
+    It owns its state: callers read ``state`` and copy what they keep.
     """
 
     scene: Scene
@@ -56,17 +55,19 @@ class Backend(Protocol):
         ...
 
 
-def make_backend(
-    name: str, scene: Scene, *, num_envs: int = 1, backend_kwargs: Mapping[str, Any] | None = None
-) -> Backend:
-    """The backend ``name`` for a batch of ``num_envs`` cloths of ``scene``.
+class BackendFactory(Protocol):
+    """What makes a backend: a class or function ``(scene, *, num_envs, **options)``."""
 
-    Raises:
-        ValueError: an unknown backend or keyword; the nearest match and the choices are named.
-    """
-    backend, given = registry.load_backend(name), backend_kwargs or {}
-    check_keywords(backend, given, f"backend={name!r}")
-    return backend(scene, num_envs=num_envs, **given)
+    def __call__(self, scene: Scene, *args: Any, **options: Any) -> Backend:
+        """A backend for a batch of ``num_envs`` cloths of ``scene``; its other options have names and defaults."""
+        ...
+
+
+def keywords(factory: Callable[..., Any]) -> list[str]:
+    """The options that ``factory`` names, without the scene and ``num_envs``."""
+    parameters = list(signature(factory).parameters.values())[1:]
+    named = (Parameter.KEYWORD_ONLY, Parameter.POSITIONAL_OR_KEYWORD)
+    return [p.name for p in parameters if p.kind in named and p.name != "num_envs"]
 
 
 def check_keywords(factory: Callable[..., Any], given: Mapping[str, Any], whose: str) -> None:
@@ -75,9 +76,33 @@ def check_keywords(factory: Callable[..., Any], given: Mapping[str, Any], whose:
     Raises:
         ValueError: an unknown keyword; the nearest match and the choices are named.
     """
-    parameters = signature(factory).parameters.values()
-    known = [p.name for p in parameters if p.kind is p.KEYWORD_ONLY and p.name != "num_envs"]
-    takes_any = any(p.kind is p.VAR_KEYWORD for p in parameters)
+    known = keywords(factory)
+    takes_any = any(p.kind is Parameter.VAR_KEYWORD for p in signature(factory).parameters.values())
     for keyword in given:
         if keyword == "num_envs" or not (takes_any or keyword in known):
             raise unknown_name(f"keyword for {whose}:", keyword, known)
+
+
+def read_object(text: str, what: str) -> dict[str, Any]:
+    """A JSON object.
+
+    Raises:
+        ValueError: not JSON, or not an object.
+    """
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{what} must be JSON such as '{{\"refine\": 2}}', got {text!r} ({error})") from error
+    if not isinstance(value, dict):
+        raise ValueError(f"{what} must be a JSON object such as '{{\"refine\": 2}}', got {text!r}")
+    return value
+
+
+def parse_backend(text: str) -> tuple[str, dict[str, Any]]:
+    """Name and options of ``NAME[=JSON]``, such as ``miniature={"factor": 4}`` or ``my_package.physics:MyBackend``.
+
+    Raises:
+        ValueError: options that are no JSON object.
+    """
+    name, _, options = text.partition("=")
+    return name.strip(), read_object(options, f"what follows {name}=") if options else {}

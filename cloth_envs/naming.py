@@ -1,9 +1,11 @@
-"""Errors for unknown names: list the choices and name the nearest match."""
+"""Names: what they stand for, and errors for unknown ones that list the choices and name the nearest match."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from difflib import get_close_matches
+from importlib import import_module
+from typing import Any
 
 
 def unknown_name(what: str, name: object, choices: Iterable[str]) -> ValueError:
@@ -13,3 +15,28 @@ def unknown_name(what: str, name: object, choices: Iterable[str]) -> ValueError:
     near = get_close_matches(str(name).lower(), folded, n=1, cutoff=0.4)
     hint = f" Did you mean {folded[near[0]]!r}?" if near else ""
     return ValueError(f"unknown {what} {name!r}.{hint} Choose one of {', '.join(map(repr, known))}.")
+
+
+def resolve(path: str) -> Any:
+    """The object that ``"module:attribute"`` names; its module is imported.
+
+    Raises:
+        ValueError: another form, no such module, or one without this attribute (the nearest match is named).
+        ImportError: the module is there, but lacks something itself.
+    """
+    module, _, attribute = path.partition(":")
+    if not module or not attribute.isidentifier():
+        raise ValueError(f"an object is named module:attribute, such as my_package.physics:MyBackend, got {path!r}")
+    try:
+        found = import_module(module)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
+            raise
+        raise ValueError(
+            f"there is no module {error.name!r} for {path!r}: install the package that holds it, or add its folder to "
+            "PYTHONPATH"
+        ) from error
+    if not hasattr(found, attribute):
+        own = [name for name, value in vars(found).items() if getattr(value, "__module__", None) == module]
+        raise unknown_name(f"attribute of module {module!r}:", attribute, own)
+    return getattr(found, attribute)

@@ -1,11 +1,18 @@
-"""Scenes and backends by name. To add one, add one line here."""
+"""Scenes and backends by name. To add one of this package, add one line here; others register from outside."""
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import Any
+from collections.abc import Mapping
+from importlib.metadata import entry_points
+from inspect import signature
+from typing import TYPE_CHECKING, Any
 
-from cloth_envs.naming import unknown_name
+from cloth_envs.backend import Backend, BackendFactory, check_keywords
+from cloth_envs.naming import resolve, unknown_name
+from cloth_envs.scene import Scene
+
+if TYPE_CHECKING:
+    from cloth_envs.scenes.task import Task
 
 # name -> "module:Task class"; the Gymnasium id is MiniCloth-<name>-v0.
 SCENES: dict[str, str] = {
@@ -42,12 +49,14 @@ PRESETS: dict[str, dict[str, str]] = {
     "zhao2024-fall": {"Pressure": "cloth_envs.presets.zhao2024:Fall2024"},
 }
 
-# name -> "module:class or function that makes a Backend", resolved on use.
-BACKENDS: dict[str, str] = {
+# name -> what makes a Backend, or "module:class or function", resolved on use. Installed packages add theirs under
+# GROUP, anybody by register_backend.
+BACKENDS: dict[str, BackendFactory | str] = {
     "cnn": "surrogates.cell.backend:cnn",
     "reference": "cloth_envs.physics.solver:reference",
     "miniature": "surrogates.miniature.backend:MiniatureBackend",
 }
+GROUP = "minicloth.backends"  # entry points: name -> module:attribute
 
 
 def env_id(scene: str) -> str:
@@ -55,26 +64,94 @@ def env_id(scene: str) -> str:
     return f"MiniCloth-{scene}-v0"
 
 
-def _load(table: dict[str, str], what: str, name: object) -> Any:
-    if not isinstance(name, str) or name not in table:
-        raise unknown_name(what, name, table)
-    module, attribute = table[name].split(":")
-    return getattr(import_module(module), attribute)
-
-
-def load_task(name: str) -> Any:
+def load_task(name: str) -> type[Task]:
     """The Task class of a scene.
 
     Raises:
         ValueError: unknown scene; the nearest match is named.
     """
-    return _load(SCENES, "scene", name)
+    if not isinstance(name, str) or name not in SCENES:
+        raise unknown_name("scene", name, SCENES)
+    task: type[Task] = resolve(SCENES[name])
+    return task
 
 
-def load_backend(name: str) -> Any:
-    """The Backend class of a name.
+def register_backend(name: str, factory: BackendFactory | str, *, overwrite: bool = False) -> None:
+    """Give a backend a name in this process; then ``gym.make(..., backend=name)`` and all commands know it.
+
+    Args:
+        name: without ``:``, ``=`` and ``@``, which have a meaning where backends are named in a line.
+        factory: ``(scene, *, num_envs, **options) -> Backend``, or ``"module:attribute"``, which is imported on use.
+        overwrite: replace what has the name.
 
     Raises:
-        ValueError: unknown backend; the nearest match is named.
+        ValueError: a name that is taken or can't be one, or a factory of another form.
     """
-    return _load(BACKENDS, "backend", name)
+    if not isinstance(name, str) or not name or set(name) & set(":=@"):
+        raise ValueError(f"a backend's name is text without ':', '=' and '@', got {name!r}")
+    if name in BACKENDS and not overwrite:
+        raise ValueError(f"there is a backend {name!r}: choose another name, or pass overwrite=True")
+    if not isinstance(factory, str):
+        _check_factory(name, factory)
+    BACKENDS[name] = factory
+
+
+def backend_names() -> list[str]:
+    """All that ``backend=`` can be beside ``"module:attribute"``: those of ``BACKENDS``, then installed ones."""
+    return list(dict.fromkeys([*BACKENDS, *sorted(entry_points(group=GROUP).names)]))
+
+
+def load_backend(name: str) -> BackendFactory:
+    """What makes the backend ``name``: one of ``BACKENDS``, of an installed package, or ``"module:attribute"``.
+
+    Raises:
+        ValueError: an unknown name (the nearest match is named), module or attribute, or no factory.
+        ImportError: a module that can't be imported; of an installed package that is named.
+    """
+    if not isinstance(name, str):
+        raise unknown_name("backend", name, backend_names())
+    known = BACKENDS.get(name, name if ":" in name else None)
+    factory = _installed(name) if known is None else resolve(known) if isinstance(known, str) else known
+    _check_factory(name, factory)
+    return factory
+
+
+def make_backend(
+    name: str, scene: Scene, *, num_envs: int = 1, backend_kwargs: Mapping[str, Any] | None = None
+) -> Backend:
+    """The backend ``name`` for a batch of ``num_envs`` cloths of ``scene``.
+
+    Raises:
+        ValueError, ImportError: see ``load_backend``; or an unknown keyword: the nearest match is named.
+    """
+    factory, given = load_backend(name), backend_kwargs or {}
+    check_keywords(factory, given, f"backend={name!r}")
+    return factory(scene, num_envs=num_envs, **given)
+
+
+def _check_factory(name: str, factory: Any) -> None:
+    try:
+        signature(factory).bind(None, num_envs=1)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"backend {name!r} can't be built: it must be a class or function (scene, *, num_envs, **options), "
+            f"all options with defaults, got {factory!r} ({error})"
+        ) from error
+
+
+def _installed(name: str) -> BackendFactory:
+    points = {point.value: point for point in entry_points(group=GROUP, name=name)}
+    if not points:
+        raise unknown_name("backend", name, backend_names())
+    packages = ", ".join(sorted(point.dist.name if point.dist else point.module for point in points.values()))
+    if len(points) > 1:
+        raise ValueError(f"{packages} each have a backend {name!r}: name one as {' or '.join(sorted(points))}")
+    (point,) = points.values()
+    try:
+        factory: BackendFactory = point.load()
+    except Exception as error:  # a stranger's module may raise anything
+        raise ImportError(
+            f"backend {name!r} ({point.value}) of the installed package {packages} can't be loaded "
+            f"({type(error).__name__}: {error}): repair or uninstall the package"
+        ) from error
+    return factory

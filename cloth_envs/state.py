@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 
@@ -47,7 +49,7 @@ class State:
 
     @property
     def batch(self) -> int:
-        return len(self.positions)
+        return len(self.time)
 
     def copy(self) -> State:
         return State(**{name: value.copy() for name, value in self.arrays().items()})
@@ -69,6 +71,33 @@ class State:
         """Overwrite some members of the batch by those of ``other``."""
         for name, value in self.arrays().items():
             value[which] = getattr(other, name)
+
+
+class LazyState(State):
+    """A state whose cloth is computed when it is first read, and then kept; everything else is that of ``known``.
+
+    Args:
+        known: its bodies, wind, pressure and time.
+        positions, velocities: what computes them, given this state. They are called whenever somebody reads, so they
+            must not depend on anything that changes meanwhile.
+    """
+
+    def __init__(
+        self, known: State, positions: Callable[[State], np.ndarray], velocities: Callable[[State], np.ndarray]
+    ) -> None:
+        self._compute = positions, velocities
+        self.colliders, self.collider_velocities = known.colliders, known.collider_velocities
+        self.wind, self.pressure, self.time = known.wind, known.pressure, known.time
+
+    @cached_property
+    def positions(self) -> np.ndarray:  # type: ignore[override]
+        """``(B, 3, H, W)`` [m]."""
+        return self._compute[0](self)
+
+    @cached_property
+    def velocities(self) -> np.ndarray:  # type: ignore[override]
+        """``(B, 3, H, W)`` [m/s]."""
+        return self._compute[1](self)
 
 
 @dataclass

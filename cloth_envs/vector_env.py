@@ -10,7 +10,9 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from cloth_envs.backend import keywords
 from cloth_envs.naming import unknown_name
+from cloth_envs.registry import load_backend
 from cloth_envs.state import State
 from cloth_envs.world import World
 
@@ -26,7 +28,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         num_envs: members.
         max_episode_steps: frames until truncation, None for none.
         autoreset_mode: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"`` (or Gymnasium's ``AutoresetMode``).
-        The others are those of ``ClothEnv``; ``backend_kwargs={"threads": n}`` defaults to the processors at hand.
+        The others are those of ``ClothEnv``; a backend that takes ``threads`` gets as many as processors are at hand.
 
     Raises:
         ValueError: a bad argument; says what to write instead.
@@ -54,7 +56,8 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         threads = min(
             num_envs, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         )
-        kwargs = {"threads": threads, **(backend_kwargs or {})}
+        takes_threads = "threads" in keywords(load_backend(options.get("backend", "reference")))
+        kwargs = ({"threads": threads} if takes_threads else {}) | (backend_kwargs or {})
         self._world = World(scene, num_envs=num_envs, backend_kwargs=kwargs, **options)
         self.num_envs = num_envs
         self.render_mode = None

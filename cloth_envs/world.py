@@ -10,12 +10,11 @@ import numpy as np
 from _minicloth_kernels import clip_actions, gather
 from gymnasium import spaces
 
-from cloth_envs.backend import make_backend
 from cloth_envs.failure import Failures
 from cloth_envs.material import PROPERTIES, Material, as_material
 from cloth_envs.naming import unknown_name
 from cloth_envs.presets import load_preset, solver_of
-from cloth_envs.registry import load_task
+from cloth_envs.registry import load_task, make_backend
 from cloth_envs.scenes.task import Episode, Start
 from cloth_envs.state import Controls, State
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from cloth_envs.backend import make_backend
 from cloth_envs.grid import Grid
 from cloth_envs.particles import Particles
 from cloth_envs.physics import laws
+from cloth_envs.registry import make_backend
 from cloth_envs.scene import Scene, Wind
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World

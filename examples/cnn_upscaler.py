@@ -4,8 +4,8 @@ import sys
 
 import numpy as np
 
-from cloth_envs.backend import make_backend
-from cloth_envs.state import State
+from cloth_envs.registry import make_backend
+from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 from surrogates.miniature.coarse import coarse_scene
 from surrogates.upscale.protocol import make_upscaler
@@ -19,7 +19,8 @@ def main(upscaler: str) -> None:
     cell, up = make_backend("cnn", coarse), make_upscaler(upscaler, coarse, world.scene, 2)
     cell.reset(State.still(world.state.positions[..., ::2, ::2]))
     cell.state.velocities[:] = world.state.velocities[..., ::2, ::2]
-    offsets = handles.offsets(world.state.positions, cell.state.positions, world.scene.handles)
+    start = Controls.hold(world.state, world.scene.handles)
+    offsets = handles.offsets(cell.state.positions, start.handle_positions)
     for _ in range(5):
         small = cell.advance(handles.controls(world.task.controls(world.episode), offsets))
         world.step(np.zeros((1, len(world.task.actions))))

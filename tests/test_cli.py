@@ -79,7 +79,8 @@ def test_rollout_then_render(capsys: pytest.CaptureFixture[str], tmp_path: Path)
 def test_compare_writes_video_table_and_chart(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     text = run(
         capsys, "compare", "Flag", "--frames", "5", "--resolutions", "17x25,9x13", "--out", str(tmp_path),
-        "--entry", 'reference@9x13:{"refine": 2}', "--entry", "reference@5x7", "--entry", "reference@12x17",
+        "--backend", "reference", "--backend", 'reference@9x13={"refine": 2}', "--backend", "reference@5x7",
+        "--backend", "reference@12x17",
     )  # fmt: skip
     stem = tmp_path / "compare_flag"
     assert size_and_frames(stem.with_suffix(".mp4")) == ((4 * 480, 2 * 480), 6)
@@ -152,7 +153,17 @@ def test_failing_backend_is_reported_not_raised(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(cloth_envs.BACKENDS, "tearing", f"{__name__}:Tearing")
-    options = ["--backends", "reference,tearing", "--resolutions", "9x13", "--no-video", "--out", str(tmp_path)]
+    options = [
+        "--backend",
+        "reference",
+        "--backend",
+        "tearing",
+        "--resolutions",
+        "9x13",
+        "--no-video",
+        "--out",
+        str(tmp_path),
+    ]
     assert "overstretch at frame 3" in run(capsys, "compare", "Flag", "--frames", "12", *options)
     with (tmp_path / "compare_flag.csv").open() as file:
         good, bad = csv.DictReader(file)
@@ -195,11 +206,9 @@ def test_entries() -> None:
     assert {e.resolution for e in usual} == {(33, 49)}
     assert [e.label for e in usual][::3] == ["reference 33x49", "miniature 33x49 factor=4 closure local"]
     assert coarser((5, 5), 9) == (3, 3)
-    chosen = choose_entries(
-        "Flag", backends=["reference"], resolutions=["9x13"], entries=['reference@5x7:{"refine": 2}']
-    )
+    chosen = choose_entries("Flag", backends=["reference", 'reference@5x7={"refine": 2}'], resolutions=["9x13"])
     assert [e.label for e in chosen] == ["reference 9x13", "reference 5x7 refine=2"]
-    assert [e.label for e in choose_entries("Flag", entries=["reference@5x7"])] == ["reference 5x7"]
+    assert [e.label for e in choose_entries("Flag", backends=["reference@5x7"])] == ["reference 5x7"]
 
 
 @pytest.mark.parametrize("policy", POLICIES)
@@ -227,8 +236,8 @@ def test_labels_keep_their_distance() -> None:
         (["rollout", "Flag", "--material", "slik"], "Did you mean 'silk'?"),
         (["rollout", "Flag", "--policy", "smoth"], "Did you mean 'smooth'?"),
         (["rollout", "Flag", "--resolution", "9by13"], "ROWSxCOLS"),
-        (["rollout", "Flag", "--backend-kwargs", "refine=2"], "must be JSON"),
-        (["rollout", "Flag", "--backend-kwargs", "[2]"], "JSON object"),
+        (["rollout", "Flag", "--backend", "reference=refine=2"], "must be JSON"),
+        (["rollout", "Flag", "--backend", "reference=[2]"], "JSON object"),
         (["rollout", "Flag", "--video", "none/a.mp4"], "create the folder"),
         (["rollout", "Flag", "--video", "a.avi"], "must end in .mp4"),
         (["rollout", "Flag", "--images", "file"], "choose a folder"),
@@ -237,8 +246,8 @@ def test_labels_keep_their_distance() -> None:
         (["render", "none.h5"], "no file"),
         (["render", "file"], "no HDF5 file"),
         (["compare", "Flag", "--out", "file"], "choose a folder"),
-        (["compare", "Flag", "--backends", "reference,none"], "unknown backend 'none'"),
-        (["compare", "Flag", "--entry", "reference@33"], "ROWSxCOLS"),
+        (["compare", "Flag", "--backend", "none"], "unknown backend 'none'"),
+        (["compare", "Flag", "--backend", "reference@33"], "ROWSxCOLS"),
         (["bench", "troughput"], "Did you mean 'throughput'?"),
     ],
 )

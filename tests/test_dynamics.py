@@ -16,7 +16,7 @@ from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 from surrogates.checkpoint import WEIGHTS, load
 from surrogates.miniature.backend import MiniatureBackend
-from surrogates.miniature.correction import ARRAYS, Corrected, Correction, shipped, weights_name
+from surrogates.miniature.correction import ARRAYS, Correction, shipped, weights_name
 from training.dynamics_data import Course, episodes
 from training.train_dynamics import LIMIT, Recipe, Trainer, main
 
@@ -92,7 +92,7 @@ def test_a_tube_float64_and_missing_weights_are_refused() -> None:
         Correction(replace(scene, grid=replace(scene.grid, periodic=True)), {})
     exact = MiniatureBackend(World("Curtain").scene, factor=4, solver_kwargs={"dtype": "float64"}).coarse
     with pytest.raises(ValueError, match="leave dtype out"):
-        Corrected(exact, network(exact.scene))
+        exact.correct(network(exact.scene))
     with pytest.raises(ValueError, match="minicloth train dynamics --scenes Nowhere"):
         shipped("Nowhere", 4)
 
@@ -121,9 +121,10 @@ def test_the_compiled_correction_of_a_frame_is_its_numpy_twin(name: str, bound: 
     solvers = [MiniatureBackend(world.scene, num_envs=2, factor=4, scaling="closure") for _ in range(2)]
     for solver in solvers:
         solver.reset(world.state)
-    correction, plain = network(solvers[0].coarse.scene, bound), solvers[1].coarse
-    tested = Corrected(solvers[0].coarse, correction)
-    controls = solvers[0]._handles.controls(Controls.hold(world.state, world.scene.handles), solvers[0]._offsets)
+    tested, plain = (solver.coarse for solver in solvers)
+    correction = network(tested.scene, bound)
+    tested.correct(correction)
+    controls = Controls.hold(world.state, world.scene.handles)
     before = plain.state.copy()
     expected = corrected(correction, before, plain.advance(controls))
     tested.advance(controls)

@@ -13,11 +13,10 @@ import pytest
 import torch
 
 import cloth_envs
-from cloth_envs.backend import make_backend
 from cloth_envs.grid import Grid
 from cloth_envs.particles import Particles
 from cloth_envs.physics.particles.solver import Cell, ParticleSolver
-from cloth_envs.registry import PRESETS, SCENES
+from cloth_envs.registry import PRESETS, SCENES, make_backend
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World

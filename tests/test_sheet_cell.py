@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from cloth_envs.backend import make_backend
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.physics import laws
 from cloth_envs.physics.laws.bodies import resolve_body
-from cloth_envs.registry import SCENES
+from cloth_envs.registry import SCENES, make_backend
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World

@@ -153,7 +153,7 @@ def test_coarser_is_the_miniature_without_whole_factors(windows: Windows) -> Non
     """At factor 2 both do the same."""
     states: list[Any] = []
     for made in (
-        methods.Coarser(windows.scene, num_envs=4, factor=2, upscaler="bicubic"),
+        methods.coarser(windows.scene, num_envs=4, factor=2, upscaler="bicubic"),
         Method("miniature similar", {"factor": 2}).build(Job(windows.scene, 4)),
     ):
         made.reset(windows.truth[0])

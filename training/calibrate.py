@@ -25,8 +25,8 @@ from cloth_envs.resample import resample
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from surrogates.miniature.backend import MiniatureBackend
-from surrogates.miniature.closure import load_factors
-from surrogates.miniature.coarse import CLOSURE, FACTORS, coarse_grid
+from surrogates.miniature.closure import CLOSURE, FACTORS, load_factors
+from surrogates.miniature.coarse import coarse_grid
 from training.bench.truth import Case, cache_folder, length, load
 
 HORIZONS = {"calibrated": 5, "closure": 10}  # frames of a window
@@ -104,7 +104,7 @@ def errors(data: Windows, factor: int, **options: Any) -> tuple[np.ndarray, int]
         backend.advance(controls)
         gap = backend.coarse.state.positions - resample(end, data.scene.grid, grid)
         found.append(np.sqrt((gap**2).sum(1)).mean((1, 2)) / length(data.scene))
-    return np.array(found), int(backend.coarse.substeps[0])  # type: ignore[attr-defined]
+    return np.array(found), int(backend.coarse.solver.substeps[0])  # type: ignore[attr-defined]
 
 
 def fit(data: Windows, factor: int, scaling: str, evaluations: int, most: float = MOST_SUBSTEPS) -> dict[str, float]:

@@ -15,8 +15,7 @@ from cloth_envs.resample import resample
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
-from surrogates.miniature.backend import MiniatureBackend
-from surrogates.miniature.coarse import coarse_grid
+from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
 from surrogates.miniature.correction import Correction
 from training.bench.truth import length
 
@@ -116,13 +115,13 @@ class Course:
 
     def __init__(self, data: Episodes, factor: int, scaling: str, correction: Correction | None = None) -> None:
         self.data, self.factor, self.scaling, self.correction = data, factor, scaling, correction
-        self._backends: dict[int, MiniatureBackend] = {}
+        self._physics: dict[int, CoarsePhysics] = {}
 
-    def backend(self, count: int) -> MiniatureBackend:
-        if count not in self._backends:
-            made = MiniatureBackend(self.data.scene, num_envs=count, factor=self.factor, scaling=self.scaling)
-            self._backends[count] = made
-        return self._backends[count]
+    def physics(self, count: int) -> CoarsePhysics:
+        if count not in self._physics:
+            made = CoarsePhysics(self.data.scene, num_envs=count, factor=self.factor, scaling=self.scaling)
+            self._physics[count] = made
+        return self._physics[count]
 
     def run(
         self, start: State, frame: np.ndarray, member: np.ndarray, horizon: int
@@ -131,14 +130,11 @@ class Course:
 
         With them what the correction read, and its axes.
         """
-        mini = self.backend(len(frame))
-        coarse, handles = mini.coarse, mini._handles
-        coarse.reset(start, [coarse.scene.material] * len(frame))
-        at = start.positions.reshape(len(frame), 3, -1)[:, :, list(handles.vertices)].transpose(0, 2, 1)
-        followed = self.data.given(frame, member).handle_positions[:, handles.follows]
-        offsets, before, states, seen = (at - followed).astype(np.float64), coarse.state, [], []
+        coarse = self.physics(len(frame))
+        coarse.start(start, self.data.given(frame, member).handle_positions)
+        before, states, seen = coarse.state, [], []
         for k in range(1, horizon + 1):
-            after = coarse.advance(handles.controls(self.data.given(frame + k, member), offsets))
+            after = coarse.advance(self.data.given(frame + k, member))
             if self.correction is not None:
                 seen.append(self.correction.features(before, after))
                 self.correction.apply(after, *seen[-1])

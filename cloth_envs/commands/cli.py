@@ -39,16 +39,18 @@ def _list(given: argparse.Namespace) -> str:
 
 
 def _rollout(given: argparse.Namespace) -> str:
-    from cloth_envs.commands.entries import read_object, read_resolution
+    from cloth_envs.backend import parse_backend
+    from cloth_envs.commands.entries import read_resolution
     from cloth_envs.commands.rollout import rollout
 
+    backend, options = parse_backend(given.backend)
     return rollout(
         given.scene,
         frames=given.frames,
         seed=given.seed,
         policy=given.policy,
-        backend=given.backend,
-        backend_kwargs=read_object(given.backend_kwargs, "--backend-kwargs"),
+        backend=backend,
+        backend_kwargs=options,
         material=_named(given.material, "--material"),
         resolution=None if given.resolution is None else read_resolution(given.resolution),
         preset=_named(given.preset, "--preset"),
@@ -71,9 +73,8 @@ def _compare(given: argparse.Namespace) -> str:
 
     return compare_scene(
         given.scene,
-        backends=_names(given.backends),
+        backends=given.backend,
         resolutions=_names(given.resolutions),
-        entries=given.entry,
         frames=given.frames,
         seed=given.seed,
         policy=given.policy,
@@ -116,7 +117,7 @@ def _run(kind: str, table: dict[str, str], name: str, options: Sequence[str]) ->
 
 def _named(text: str | None, option: str) -> Any:
     """A fabric's or a preset's name, or a JSON object."""
-    from cloth_envs.commands.entries import read_object
+    from cloth_envs.backend import read_object
 
     return read_object(text, option) if text and text.lstrip().startswith("{") else text
 
@@ -167,8 +168,12 @@ def parser() -> argparse.ArgumentParser:
     sub = command("rollout", _rollout, "Simulate one episode; draw it, record it.")
     episode(sub)
     sub.add_argument("--frames", type=_count, help="default: the scene's episode")
-    sub.add_argument("--backend", default="reference", help="which physics (default reference)")
-    sub.add_argument("--backend-kwargs", metavar="JSON", default="{}", help="such as '{\"refine\": 2}'")
+    sub.add_argument(
+        "--backend",
+        metavar="NAME[=JSON]",
+        default="reference",
+        help="which physics, such as 'miniature={\"factor\": 4}' or my_package.physics:MyBackend (default reference)",
+    )
     sub.add_argument("--resolution", metavar="ROWSxCOLS", help="of the grid, at equal size and material")
     sub.add_argument("--preset", help='a paper\'s set-up by name, or JSON: \'{"name": "lee2019", "mass": 3}\'')
     pictures(sub)
@@ -184,13 +189,13 @@ def parser() -> argparse.ArgumentParser:
     episode(sub)
     sub.add_argument("--frames", type=_count, default=120, help="length of the run (default 120)")
     sub.add_argument(
-        "--backends",
-        metavar="A,B",
-        default="",
-        help="each at every resolution (none: four usual ones)",
+        "--backend",
+        metavar="NAME[@RxC][=JSON]",
+        action="append",
+        default=[],
+        help="at every resolution, or at its own; may repeat (none: four usual ones)",
     )
     sub.add_argument("--resolutions", metavar="RxC,RxC", default="", help="default: the scene's own")
-    sub.add_argument("--entry", metavar="NAME[@RxC][:JSON]", action="append", default=[], help="one more; may repeat")
     sub.add_argument(
         "--horizon", type=_count, default=10, help="of the chart's error [frames]: 1, 5, 10 (default) or 25"
     )

@@ -23,7 +23,6 @@ def compare_scene(
     *,
     backends: Sequence[str] = (),
     resolutions: Sequence[str] = (),
-    entries: Sequence[str] = (),
     frames: int = FRAMES,
     seed: int = 0,
     policy: str = "smooth",
@@ -38,7 +37,7 @@ def compare_scene(
         ValueError, OSError, ImportError: a bad name or number, a folder that can't be written, a package
             that is missing; nothing has been simulated by then.
     """
-    chosen = choose_entries(scene, backends=backends, resolutions=resolutions, entries=entries)
+    chosen = choose_entries(scene, backends=backends, resolutions=resolutions)
     task = load_task(scene)
     actions = open_loop(policy, frames, len(task.actions), task.frame_dt, seed)
     folder = check_folder(out or f"compare_{scene.lower()}")

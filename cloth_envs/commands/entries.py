@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from cloth_envs.backend import parse_backend
 from cloth_envs.material import Material
 from cloth_envs.registry import load_backend, load_task
 from cloth_envs.world import World
@@ -70,50 +70,28 @@ def read_resolution(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def read_object(text: str, what: str) -> dict[str, Any]:
-    """A JSON object.
+def read_entries(text: str, shapes: Sequence[tuple[int, int]]) -> list[Entry]:
+    """``NAME[@ROWSxCOLS][=JSON]``, such as ``reference@17x25={"refine": 2}``; without a resolution at all ``shapes``.
 
     Raises:
-        ValueError: not JSON, or not an object.
+        ValueError, ImportError: another form, or a bad backend.
     """
-    try:
-        value = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{what} must be JSON such as '{{\"refine\": 2}}', got {text!r} ({error})") from error
-    if not isinstance(value, dict):
-        raise ValueError(f"{what} must be a JSON object such as '{{\"refine\": 2}}', got {text!r}")
-    return value
-
-
-def read_entry(text: str, full: tuple[int, int]) -> Entry:
-    """``NAME[@ROWSxCOLS][:JSON]``, such as ``reference@17x25:{"refine": 2}``.
-
-    Raises:
-        ValueError: another form, or an unknown backend.
-    """
-    head, _, options = text.partition(":")
-    name, _, resolution = head.partition("@")
+    head, equals, options = text.partition("=")
+    head, _, resolution = head.partition("@")
+    name, given = parse_backend(head + equals + options)
     load_backend(name)
-    shape = read_resolution(resolution) if resolution else full
-    return Entry(name, shape, read_object(options, "an entry's keywords") if options else {})
+    return [Entry(name, shape, given) for shape in ([read_resolution(resolution)] if resolution else shapes)]
 
 
-def choose_entries(
-    scene: str, *, backends: Sequence[str] = (), resolutions: Sequence[str] = (), entries: Sequence[str] = ()
-) -> list[Entry]:
-    """Every backend at every resolution, then ``entries``; by default ``USUAL``.
+def choose_entries(scene: str, *, backends: Sequence[str] = (), resolutions: Sequence[str] = ()) -> list[Entry]:
+    """Every one of ``backends``, as ``read_entries`` has them, at every resolution; by default ``USUAL``.
 
     Raises:
-        ValueError: an unknown scene or backend, or a resolution in another form.
+        ValueError, ImportError: an unknown scene, a bad backend, or a resolution in another form.
     """
     full = load_task(scene).resolution
-    shapes = [read_resolution(text) for text in resolutions]
-    if not shapes and not backends and not entries:
+    if not backends and not resolutions:
         return [Entry(name, full, options) for name, options in USUAL]
-    shapes = shapes or [full]
-    names = list(backends) or (["reference"] if resolutions or not entries else [])
-    for name in names:
-        load_backend(name)
-    chosen = [Entry(name, shape) for name in names for shape in shapes]
-    chosen += [read_entry(text, full) for text in entries]
+    shapes = [read_resolution(text) for text in resolutions] or [full]
+    chosen = [entry for text in backends or ["reference"] for entry in read_entries(text, shapes)]
     return list({entry.label: entry for entry in chosen}.values())

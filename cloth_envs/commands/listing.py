@@ -7,7 +7,7 @@ import inspect
 from cloth_envs.material import FABRICS
 from cloth_envs.policies import POLICIES
 from cloth_envs.presets import load_preset, presets_of
-from cloth_envs.registry import BACKENDS, EPISODE_FRAMES, PRESETS, SCENES, env_id, load_backend, load_task
+from cloth_envs.registry import EPISODE_FRAMES, PRESETS, SCENES, backend_names, env_id, load_backend, load_task
 
 
 def table(rows: list[list[str]]) -> str:
@@ -15,6 +15,14 @@ def table(rows: list[list[str]]) -> str:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     return "\n".join(lines)
+
+
+def about_backend(name: str) -> str:
+    """The first line of a backend's docstring, or why it can't be used."""
+    try:
+        return (inspect.getdoc(load_backend(name)) or "").split("\n")[0]
+    except (ValueError, ImportError) as error:
+        return str(error)
 
 
 def everything() -> str:
@@ -32,7 +40,7 @@ def everything() -> str:
         grids = ", ".join(dict.fromkeys(f"{task.resolution[0]} x {task.resolution[1]}" for task in tasks))
         options = {option: value for task in tasks for option, value in task.options.items()}
         presets.append([name, ", ".join(of), grids, ", ".join(f"{o} {value:g}" for o, value in options.items())])
-    backends = [[name, (inspect.getdoc(load_backend(name)) or "").split("\n")[0]] for name in BACKENDS]
+    backends = [[name, about_backend(name)] for name in backend_names()]
     fabrics = [["fabric", "kg/m^2", "stretch N/m", "shear N/m", "bend N m", "drag 1/s"]]
     for name, m in FABRICS.items():
         numbers = (m.areal_density, m.stretch_stiffness, m.shear_stiffness, m.bend_stiffness, m.drag)

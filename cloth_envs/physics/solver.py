@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from importlib import import_module
 from typing import Any, ClassVar
 
 import numpy as np
 
-from cloth_envs.backend import Backend, check_keywords
+from cloth_envs.backend import Backend, check_keywords, keywords
 from cloth_envs.material import Material
-from cloth_envs.naming import unknown_name
+from cloth_envs.naming import resolve, unknown_name
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -28,8 +27,12 @@ PARTICLE_SOLVERS: dict[str, str] = {
 }
 
 
-def reference(scene: Scene, *, num_envs: int = 1, solver: str = "explicit", **options: Any) -> Backend:
+def reference(
+    scene: Scene, *, num_envs: int = 1, solver: str = "explicit", threads: int = 1, **options: Any
+) -> Backend:
     """The backend ``"reference"``: ``solver`` by name, built with its own ``options``.
+
+    ``threads`` are over members of the batch, where the solver has any; results do not depend on them.
 
     Raises:
         ValueError: an unknown solver or option (the nearest match is named), or one that can't step the scene.
@@ -42,8 +45,9 @@ def reference(scene: Scene, *, num_envs: int = 1, solver: str = "explicit", **op
             f"solver={solver!r} steps sheets, this preset of {scene.name} is a net of particles: "
             f"leave solver out or choose {', '.join(map(repr, table))}"
         )
-    module, name = table[solver].split(":")
-    chosen = getattr(import_module(module), name)
+    chosen = resolve(table[solver])
+    if "threads" in keywords(chosen):
+        options["threads"] = threads
     check_keywords(chosen, options, f"solver={solver!r}")
     return chosen(scene, num_envs=num_envs, **options)
 

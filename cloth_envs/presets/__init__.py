@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from cloth_envs.naming import unknown_name
+from cloth_envs.naming import resolve, unknown_name
 from cloth_envs.registry import PRESETS, load_task
 
 # preset -> options of the reference backend with which the paper ran, where a user chooses no solver.
@@ -40,8 +39,7 @@ def load_preset(scene: str, preset: str | Mapping[str, Any]) -> Any:
         has = f"has {', '.join(map(repr, own))}" if own else "has none"
         of = ", ".join(PRESETS[name])
         raise ValueError(f"preset {name!r} exists for {of}, {scene} {has}: choose another preset or scene")
-    module, attribute = PRESETS[name][scene].split(":")
-    task = getattr(import_module(module), attribute)
+    task = resolve(PRESETS[name][scene])
     for option, value in options.items():
         if not task.options:
             raise ValueError(f'preset {name!r} of {scene} has no options: write preset="{name}" without {option!r}')

@@ -1,11 +1,20 @@
-"""Fitted material factors of the calibrated miniature and of the closure, shipped as data."""
+"""What the coarse sheet weighs and resists: scalings of the material, and the fitted factors that are shipped."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
 from typing import Any
+
+from cloth_envs.material import Material
+from cloth_envs.naming import unknown_name
+
+SCALINGS = ("similar", "seed", "calibrated", "closure")
+# Material properties that a calibration multiplies; a closure multiplies those after them too.
+FACTORS = ("areal_density", "stretch_stiffness", "shear_stiffness", "bend_stiffness", "damping", "compression")
+CLOSURE = (*FACTORS, "buckling_strain", "post_buckling", "compression_damping")
 
 
 @cache
@@ -14,7 +23,7 @@ def card(scaling: str = "calibrated") -> dict[str, Any]:
     return json.loads((files("surrogates") / "weights" / f"{scaling}.json").read_text())
 
 
-def load_factors(scene: str, factor: int, scaling: str = "calibrated") -> dict[str, float]:
+def load_factors(scene: str, factor: float, scaling: str = "calibrated") -> dict[str, float]:
     """Material property -> multiplier for a scene at 1/``factor`` of its resolution.
 
     Raises:
@@ -27,3 +36,37 @@ def load_factors(scene: str, factor: int, scaling: str = "calibrated") -> dict[s
             f'use scaling="similar", or fit some with `python -m training.calibrate --scaling {scaling}`'
         )
     return scenes[scene][str(factor)]["factors"]
+
+
+def choose_factors(
+    scene: str, factor: float, scaling: str, own: Mapping[str, float] | None = None
+) -> Mapping[str, float]:
+    """The factors of a scaling: a calibration's ``own``, or those that are shipped for the scene; none where none fit.
+
+    Raises:
+        ValueError: an unknown scaling, one that takes no factors, or a scene without a calibration.
+    """
+    if scaling not in SCALINGS:
+        raise unknown_name("scaling", scaling, SCALINGS)
+    fitted = scaling in ("calibrated", "closure")
+    if own is not None and not fitted:
+        raise ValueError(f'factors need scaling="calibrated" or "closure", got scaling={scaling!r}')
+    return own if own is not None else load_factors(scene, factor, scaling) if fitted else {}
+
+
+def miniature_material(material: Material, factor: float, scaling: str, factors: Mapping[str, float]) -> Material:
+    """The material of the full-size coarse sheet that moves as the miniature does, in its own units.
+
+    A miniature is the down-sampled cloth with its axes divided by ``s``: rest length, particle mass and step
+    are the fine cloth's, external forces are divided by ``s``. Enlarged ``s`` times it is a coarse sheet of
+    the same density. ``"seed"`` (Lee et al. 2019) keeps the spring constants: enlarged, the sheet is ``s^2``
+    times too stiff in stretch and shear and ``s^4`` times in bending. ``"similar"`` divides them by that, which
+    leaves the material itself. ``"calibrated"`` and ``"closure"`` multiply its properties by fitted ``factors``.
+    """
+    if scaling == "seed":
+        return material.with_changes(
+            stretch_stiffness=material.stretch_stiffness * factor**2,
+            shear_stiffness=material.shear_stiffness * factor**2,
+            bend_stiffness=material.bend_stiffness * factor**4,
+        )
+    return material.with_changes(**{name: getattr(material, name) * value for name, value in factors.items()})

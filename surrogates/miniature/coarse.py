@@ -1,30 +1,28 @@
-"""A scene on a coarser grid: which vertices are driven, and what the sheet weighs and resists there."""
+"""Coarse physics: a scene on a coarser grid, stepped by a reference solver under the controls of the fine cloth."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
-from _minicloth_kernels import follow, place
-from scipy.spatial import cKDTree
+from _minicloth_kernels import Correct
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
+from cloth_envs.physics.solver import reference
+from cloth_envs.resample import resample
 from cloth_envs.scene import Scene
-from cloth_envs.state import Controls
+from cloth_envs.state import Controls, State
+from surrogates.miniature.closure import choose_factors, miniature_material
+from surrogates.miniature.correction import Correction
+from surrogates.miniature.handles import Handles
 
-SCALINGS = ("similar", "seed", "calibrated", "closure")
-# Material properties that a calibration multiplies; a closure multiplies those after them too.
-FACTORS = ("areal_density", "stretch_stiffness", "shear_stiffness", "bend_stiffness", "damping", "compression")
-CLOSURE = (*FACTORS, "buckling_strain", "post_buckling", "compression_damping")
-
-
-ROUNDING = 1e-5  # m or m/s, of upscaling in float32
-CORNERS = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
+CLOTH = ("positions", "velocities")
 
 
-def coarse_grid(grid: Grid, factor: int) -> Grid:
+def coarse_grid(grid: Grid, factor: float) -> Grid:
     """The same sheet with about ``factor`` times fewer cells along each side.
 
     Where ``factor`` divides the cells, every vertex of it is a vertex of ``grid``.
@@ -33,84 +31,135 @@ def coarse_grid(grid: Grid, factor: int) -> Grid:
     return replace(grid, rows=rows + 1, cols=max(3, cols if grid.periodic else cols + 1))
 
 
-def miniature_material(material: Material, factor: int, scaling: str, factors: dict[str, float]) -> Material:
-    """The material of the full-size coarse sheet that moves as the miniature does, in its own units.
-
-    A miniature is the down-sampled cloth with its axes divided by ``s``: rest length, particle mass and step
-    are the fine cloth's, external forces are divided by ``s``. Enlarged ``s`` times it is a coarse sheet of
-    the same density. ``"seed"`` (Lee et al. 2019) keeps the spring constants: enlarged, the sheet is ``s^2``
-    times too stiff in stretch and shear and ``s^4`` times in bending. ``"similar"`` divides them by that, which
-    leaves the material itself. ``"calibrated"`` and ``"closure"`` multiply its properties by fitted ``factors``.
-    """
-    if scaling == "seed":
-        return material.with_changes(
-            stretch_stiffness=material.stretch_stiffness * factor**2,
-            shear_stiffness=material.shear_stiffness * factor**2,
-            bend_stiffness=material.bend_stiffness * factor**4,
-        )
-    return material.with_changes(**{name: getattr(material, name) * value for name, value in factors.items()})
-
-
-class Handles(NamedTuple):
-    """Driven vertices of the coarse grid and, for each, the number of the fine handle that it follows.
-
-    ``near`` are the free fine vertices within a coarse cell of a handle, ``guides`` the number of the nearest one and
-    ``pull`` falls from 1 at the handle to 0.
-    """
-
-    vertices: tuple[int, ...]
-    follows: np.ndarray
-    near: np.ndarray
-    guides: np.ndarray
-    pull: np.ndarray
-
-    @classmethod
-    def of(cls, fine: Grid, coarse: Grid, handles: tuple[int, ...]) -> Handles:
-        """Coarse vertices within a quarter of a cell of a handle, and the nearest ones to handles that have none."""
-        ratio = np.divide(coarse.cells, fine.cells)
-        place = np.stack(np.divmod(np.array(handles, np.intp), fine.cols), 1) * ratio  # in coarse cells
-        nearest = np.floor(place + 0.5).astype(int)
-        distance = np.abs(place - nearest).max(1)
-        driven: dict[tuple[int, int], int] = {}
-        for k in np.argsort(distance, kind="stable").tolist():
-            around = [tuple(corner) for corner in (np.floor(place[k]) + CORNERS).astype(int).tolist()]
-            if distance[k] < 0.25 or not any(corner in driven for corner in around):
-                driven.setdefault(tuple(nearest[k]), k)
-        vertices = tuple(row * coarse.cols + col % coarse.cols for row, col in driven)
-        follows = np.array(list(driven.values()), np.int32)
-        if not handles:
-            nothing = np.zeros(0, np.int32)
-            return cls(vertices, follows, nothing, nothing, np.zeros(0, np.float32))
-        all_places = np.stack(np.divmod(np.arange(fine.vertices), fine.cols), 1) * ratio
-        away, guides = cKDTree(place).query(all_places, p=np.inf)
-        near = np.flatnonzero((away > 0) & (away < 1))
-        pull = (1 - away[near]).astype(np.float32)
-        return cls(vertices, follows, near.astype(np.int32), guides[near].astype(np.int32), pull)
-
-    def place(self, fine: np.ndarray, driven: np.ndarray, handles: np.ndarray) -> None:
-        """Put the handles of an upscaled field ``(B, 3, H, W)`` where they are driven, ``(B, N, 3)``.
-
-        What is missing by more than rounding is shared with the free vertices around.
-        """
-        place(fine, driven, handles, self.near, self.guides, self.pull, ROUNDING)
-
-    def offsets(self, fine: np.ndarray, coarse: np.ndarray, handles: tuple[int, ...]) -> np.ndarray:
-        """Where the coarse vertices are from what they follow, ``(B, N, 3)`` [m]; 0 where they are the same vertex."""
-        followed = np.array(handles, np.intp)[self.follows]
-        here, there = coarse.reshape(len(coarse), 3, -1), fine.reshape(len(fine), 3, -1)
-        return (here[:, :, list(self.vertices)] - there[:, :, followed]).transpose(0, 2, 1).astype(np.float64)
-
-    def controls(self, controls: Controls, offsets: np.ndarray) -> Controls:
-        """The controls of the coarse cloth; bodies, wind and pressure are the same."""
-        positions, velocities = follow(controls.handle_positions, controls.handle_velocities, self.follows, offsets)
-        return Controls(
-            positions, velocities,
-            controls.colliders, controls.collider_velocities, controls.wind, controls.pressure,
-        )  # fmt: skip
-
-
-def coarse_scene(scene: Scene, factor: int, material: Material) -> tuple[Scene, Handles]:
+def coarse_scene(scene: Scene, factor: float, material: Material) -> tuple[Scene, Handles]:
     """``scene`` on ``coarse_grid`` with ``material``, and how its handles follow those of ``scene``."""
     grid = coarse_grid(scene.grid, factor)
     handles = Handles.of(scene.grid, grid, scene.handles)
     return replace(scene, grid=grid, handles=handles.vertices, material=material), handles
+
+
+class CoarsePhysics:
+    """A reference solver on a grid ``factor`` times coarser, driven as the fine cloth is.
+
+    It is computed enlarged to the cloth's size, where wind sees the upscaled velocity and bodies, handles and
+    thickness need no scaling; ``closure.miniature_material`` says why that is the same.
+
+    Args:
+        fine: the scene at full resolution.
+        num_envs: members of the batch.
+        factor: how many times fewer cells along each side, above 1.
+        scaling, factors: of the sheet's material, see ``closure``.
+        solver, options: of the coarse cloth, as for ``backend="reference"``.
+
+    Attributes:
+        scene: on the coarse grid.
+        handles: how its driven vertices follow those of ``fine``.
+        frames: how many states ``history`` holds; set it before ``reset``.
+        history: the last coarse states, the newest last. They are never changed afterwards.
+
+    Raises:
+        ValueError: a bad argument, or a scene that has no calibration.
+    """
+
+    def __init__(
+        self,
+        fine: Scene,
+        *,
+        num_envs: int = 1,
+        factor: float = 2,
+        scaling: str = "similar",
+        factors: Mapping[str, float] | None = None,
+        solver: str = "explicit",
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.fine, self.factor, self.scaling = fine, factor, scaling
+        self._factors = choose_factors(fine.name, factor, scaling, factors)
+        self.scene, self.handles = coarse_scene(fine, factor, self.material(fine.material))
+        self.solver = reference(self.scene, num_envs=num_envs, solver=solver, **(options or {}))
+        self.frames = 1
+        self.history: list[State] = []
+        self._correct: Correct | None = None
+
+    def material(self, fine: Material) -> Material:
+        """What a cloth of material ``fine`` is made of on the coarse grid."""
+        return miniature_material(fine, self.factor, self.scaling, self._factors)
+
+    def correct(self, correction: Correction) -> None:
+        """Let a network change every frame from now on.
+
+        Raises:
+            ValueError: a solver in float64.
+        """
+        if getattr(self.solver, "dtype", np.float32) != np.float32:
+            raise ValueError('correction="learned" needs a solver in float32: leave dtype out')
+        self._correct = correction.compiled()
+
+    @property
+    def state(self) -> State:
+        """The present coarse state."""
+        return self.solver.state
+
+    def reset(
+        self, state: State, materials: Sequence[Material] | None = None, which: Sequence[int] | None = None
+    ) -> None:
+        """Begin at fine cloths of fine materials; see ``Backend.reset``."""
+        chosen = [self.fine.material] * state.batch if materials is None else materials
+        grids = self.fine.grid, self.scene.grid
+        small = {name: np.ascontiguousarray(resample(getattr(state, name), *grids)) for name in CLOTH}
+        driven = state.positions.reshape(state.batch, 3, -1)[:, :, list(self.fine.handles)].transpose(0, 2, 1)
+        self.start(State(**(state.arrays() | small)), driven, [self.material(m) for m in chosen], which)
+
+    def start(
+        self,
+        state: State,
+        driven: np.ndarray,
+        materials: Sequence[Material] | None = None,
+        which: Sequence[int] | None = None,
+    ) -> None:
+        """Begin at coarse cloths of coarse materials, while the fine handles are at ``driven`` ``(B, N, 3)`` [m]."""
+        chosen = [self.scene.material] * state.batch if materials is None else list(materials)
+        self.solver.reset(state, chosen, which)
+        offsets = self.handles.offsets(state.positions, driven)
+        if which is None:
+            self._materials, self._offsets = chosen, offsets
+        else:
+            self._offsets[list(which)] = offsets
+            for i, material in zip(which, chosen, strict=True):
+                self._materials[i] = material
+        self._begin_history(which)
+
+    def _begin_history(self, which: Sequence[int] | None) -> None:
+        """The past of cloths that have none: where they came from at their present velocity."""
+        members, now, past = slice(None) if which is None else list(which), self.state, []
+        for back in range(self.frames - 1, 0, -1):
+            then = (now if which is None else self.history[-1 - back]).copy()
+            then.positions[members] = now.positions[members] - now.velocities[members] * np.float32(
+                back * self.scene.frame_dt
+            )
+            then.velocities[members] = now.velocities[members]
+            past.append(then)
+        self.history = [*past, now]
+
+    def advance(self, controls: Controls) -> State:
+        """One frame under the fine cloth's controls; returns the coarse state."""
+        before = self.state
+        after = self.solver.advance(self.handles.controls(controls, self._offsets))
+        if self._correct is not None:
+            self._correct.apply(before.velocities, after.wind, after.colliders, after.positions, after.velocities)
+        self.history = [*self.history[1:], after]
+        return after
+
+    @property
+    def memory(self) -> dict[str, np.ndarray]:
+        """The history's cloths and how handles are followed: a fine state does not always contain them."""
+        cloth = {name: np.stack([getattr(state, name) for state in self.history], 1) for name in CLOTH}
+        return {**cloth, "offsets": self._offsets}
+
+    def recall(self, memory: Mapping[str, np.ndarray]) -> None:
+        """Take back, after a ``reset`` of the whole batch, what ``memory`` held."""
+        now = self.state.arrays()
+        cloths = [{n: np.ascontiguousarray(memory[n][:, k]) for n in CLOTH} for k in range(self.frames)]
+        states = [State(**(now | cloth)) for cloth in cloths]
+        self.solver.reset(states[-1], self._materials)
+        self.history = [*states[:-1], self.state]
+        self._offsets = memory["offsets"].copy()

@@ -9,14 +9,12 @@ bounded, and fade out around handles, so that a cloth unlike those of training i
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from _minicloth_kernels import Correct
 
-from cloth_envs.backend import Backend
 from cloth_envs.scene import Scene
-from cloth_envs.state import Controls, State
+from cloth_envs.state import State
 from surrogates.checkpoint import of_factor
 
 AROUND = np.array([(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)])
@@ -118,28 +116,6 @@ class Correction:
         fields = after.positions, after.velocities
         for field, change in zip(fields, self.answer(features, turn), strict=True):
             field += change.swapaxes(1, 2).reshape(field.shape)
-
-
-class Corrected:
-    """A coarse backend whose every frame is corrected.
-
-    Raises:
-        ValueError: a backend in float64.
-    """
-
-    def __init__(self, backend: Backend, correction: Correction) -> None:
-        if getattr(backend, "dtype", np.float32) != np.float32:
-            raise ValueError('correction="learned" needs a solver in float32: leave dtype out')
-        self._backend, self._net = backend, correction.compiled()
-
-    def advance(self, controls: Controls) -> State:
-        before = self._backend.state
-        after = self._backend.advance(controls)
-        self._net.apply(before.velocities, after.wind, after.colliders, after.positions, after.velocities)
-        return after
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._backend, name)
 
 
 def _vertices(field: np.ndarray) -> np.ndarray:

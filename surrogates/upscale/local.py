@@ -20,11 +20,12 @@ from cloth_envs.state import State
 from surrogates.checkpoint import of_factor
 from surrogates.upscale.local_features import LIMIT, answer, features, flat_features, spacing, stiffness_numbers
 from surrogates.upscale.patches import dense_grid, squares
+from surrogates.upscale.protocol import Upscaler
 
 LAYERS = 4  # at most
 
 
-class Local:
+class Local(Upscaler):
     """A network of patches, shipped per scene and factor.
 
     Args:
@@ -38,25 +39,24 @@ class Local:
         ValueError: a tube, or a scene without weights; says how to train them.
     """
 
-    frames = 1
     method: ClassVar[str] = "local"
 
     def __init__(
         self, coarse: Scene, fine: Scene, factor: int, *, arrays: Mapping[str, np.ndarray] | None = None
     ) -> None:
+        super().__init__(coarse, fine, factor)
         if fine.grid.periodic:
             raise ValueError(f'upscaler="{self.method}" has no tubes: use upscaler="bicubic"')
         if arrays is None:
             arrays = shipped(self.method, fine.name, factor)
-        self._coarse, self._flat = coarse, flat_features(coarse.grid)
+        self._flat = flat_features(coarse.grid)
         self._weights = [arrays[f"weight{k}"] for k in range(LAYERS) if f"weight{k}" in arrays]
         self._offsets = [arrays[f"bias{k}"] for k in range(len(self._weights) - 1)]
         self._material = [arrays[n] for n in ("material", "material_low", "material_high") if n in arrays]
         self._net = PatchNet(spacing(coarse.grid), LIMIT, [np.ascontiguousarray(w, np.float32) for w in self._weights])
         self._bias = np.zeros((0, sum(len(w) for w in self._weights)), np.float32)
         double = dense_grid(fine.grid, coarse.grid, 2)
-        self._shape, self._bicubic = fine.grid.shape, Resampler(coarse.grid, fine.grid)
-        self._finer = None if double.shape == self._shape else Resampler(double, fine.grid).kernel
+        self._finer = None if double.shape == fine.grid.shape else Resampler(double, fine.grid).kernel
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         """Materials outside the range of training count as its nearest end."""
@@ -73,21 +73,21 @@ class Local:
             bias = np.tile(self._offsets[k].astype(np.float64), (len(materials), 1))
             if k == 0 and self._material:
                 effect, low, high = self._material
-                bias += np.clip(stiffness_numbers(self._coarse, materials), low, high) @ effect.T
+                bias += np.clip(stiffness_numbers(self.coarse, materials), low, high) @ effect.T
             out.append(bias)
             x = np.maximum(x @ weight.T + bias, 0)
         return np.concatenate([*out, -(x @ self._weights[-1].T)], 1).astype(np.float32)
 
     def positions(self, history: Sequence[State]) -> np.ndarray:
         x = history[-1].positions
-        out = np.empty((len(x), 3, *self._shape), np.float32)
+        out = np.empty((len(x), 3, *self.fine.grid.shape), np.float32)
         self._net.upscale(x, self._bias[: len(x)], self._finer, out)
         return out
 
     def seam(self, history: Sequence[State]) -> float:
         """Mean distance [m] of what cells say of a vertex that they share from the average of it."""
         x = history[-1].positions
-        grid, unit = self._coarse.grid, spacing(self._coarse.grid)
+        grid, unit = self.coarse.grid, spacing(self.coarse.grid)
         numbers, turn = features(x, unit)
         begin = 0
         for k, weight in enumerate(self._weights):
@@ -97,9 +97,6 @@ class Local:
                 numbers = np.maximum(numbers, 0)
         vectors = answer(numbers, turn, unit)
         return squares(*grid.shape, 2).seam(vectors.reshape(-1, 3 * vectors.shape[2]))
-
-    def velocities(self, history: Sequence[State]) -> np.ndarray:
-        return self._bicubic(history[-1].velocities)
 
 
 class Ridge(Local):

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from importlib import import_module
-from typing import Any, Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from cloth_envs.material import Material
-from cloth_envs.naming import unknown_name
+from cloth_envs.naming import resolve, unknown_name
 from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
@@ -24,34 +23,62 @@ LEARNED: dict[str, str] = {
 }
 
 
-class Upscaler(Protocol):
-    """Fine fields ``(B, 3, H, W)`` float32 from ``history``: the last ``frames`` coarse states, the newest last."""
+class Upscaler(ABC):
+    """Fine fields ``(B, 3, H, W)`` float32 from ``history``: the last ``frames`` coarse states, the newest last.
 
-    frames: int
+    Args:
+        coarse, fine: the scene on both grids.
+        factor: how many times fewer cells the coarse one has along each side.
 
-    def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
-        """Members ``which`` of the batch are of these (fine) materials from now on."""
-        ...
-
-    def positions(self, history: Sequence[State]) -> np.ndarray:
-        """Positions [m] at the newest state."""
-        ...
-
-    def velocities(self, history: Sequence[State]) -> np.ndarray:
-        """Velocities [m/s] at the newest state."""
-        ...
-
-
-class Interpolation:
-    """Separable interpolation; learned upscalers take their velocities from the bicubic one."""
+    Attributes:
+        bicubic: interpolation of a coarse field, which learned upscalers start from or fall back to.
+    """
 
     frames = 1
 
-    def __init__(self, coarse: Scene, fine: Scene, factor: int, *, kind: str = "cubic") -> None:
-        self._resample = Resampler(coarse.grid, fine.grid, kind)
+    def __init__(self, coarse: Scene, fine: Scene, factor: float) -> None:
+        self.coarse, self.fine, self.factor = coarse, fine, factor
+        self.bicubic = Resampler(coarse.grid, fine.grid)
 
-    def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
-        """Interpolation is the same for every material."""
+    def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:  # noqa: B027  (few see any)
+        """Members ``which`` of the batch are of these (fine) materials from now on."""
+
+    @abstractmethod
+    def positions(self, history: Sequence[State]) -> np.ndarray:
+        """Positions [m] at the newest state."""
+
+    def velocities(self, history: Sequence[State]) -> np.ndarray:
+        """Velocities [m/s] at the newest state; bicubic interpolation if it has no better ones."""
+        return self.bicubic(history[-1].velocities)
+
+
+class RememberingUpscaler(Upscaler):
+    """An upscaler whose answers depend on earlier ones.
+
+    It is asked at every frame, once for positions and then once for velocities, where others are asked only for what is
+    read. What it remembers has a leading axis of the batch.
+    """
+
+    @abstractmethod
+    def reset(self, which: Sequence[int], history: Sequence[State]) -> None:
+        """Members ``which`` begin anew at ``history``, that of the whole batch."""
+
+    @property
+    @abstractmethod
+    def memory(self) -> dict[str, np.ndarray]:
+        """What decides the next answers beyond the history."""
+
+    @abstractmethod
+    def recall(self, memory: Mapping[str, np.ndarray]) -> None:
+        """Take back, after a ``reset`` of the whole batch, what ``memory`` held."""
+
+
+class Interpolation(Upscaler):
+    """Separable interpolation of positions and velocities, the same for every material."""
+
+    def __init__(self, coarse: Scene, fine: Scene, factor: float, *, kind: str = "cubic") -> None:
+        super().__init__(coarse, fine, factor)
+        self._resample = Resampler(coarse.grid, fine.grid, kind)
 
     def positions(self, history: Sequence[State]) -> np.ndarray:
         return self._resample(history[-1].positions)
@@ -61,15 +88,14 @@ class Interpolation:
 
 
 def make_upscaler(name: str, coarse: Scene, fine: Scene, factor: int) -> Upscaler:
-    """The upscaler ``name`` of a pair of scenes.
+    """The upscaler ``name``, or ``"module:Class"``, of a pair of scenes.
 
     Raises:
         ValueError: an unknown name (the nearest match is named), or one that has no weights for this scene.
     """
     if name in INTERPOLATIONS:
         return Interpolation(coarse, fine, factor, kind=INTERPOLATIONS[name])
-    if name not in LEARNED:
+    if name not in LEARNED and ":" not in name:
         raise unknown_name("upscaler", name, (*INTERPOLATIONS, *LEARNED))
-    module, attribute = LEARNED[name].split(":")
-    learned: Any = getattr(import_module(module), attribute)
+    learned: Callable[[Scene, Scene, int], Upscaler] = resolve(LEARNED.get(name, name))
     return learned(coarse, fine, factor)

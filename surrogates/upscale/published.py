@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cloth_envs.material import Material
 from cloth_envs.presets import load_preset
 from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
@@ -14,7 +13,7 @@ from cloth_envs.state import State
 from surrogates.checkpoint import WEIGHTS, Checkpoint, load
 from surrogates.upscale.mlp import Mlp
 from surrogates.upscale.patches import FEATURES, combine, dense_grid, squares, triangles
-from surrogates.upscale.protocol import Interpolation
+from surrogates.upscale.protocol import Upscaler
 
 
 def find(kind: str, scene: Scene, factor: int) -> Checkpoint:
@@ -54,23 +53,7 @@ def check(found: Checkpoint, scene: Scene) -> None:
         )
 
 
-class Published:
-    """What both share: frames of the past, and velocities by bicubic interpolation."""
-
-    frames = 1
-
-    def __init__(self, coarse: Scene, fine: Scene, factor: int) -> None:
-        self._plain = Interpolation(coarse, fine, factor)
-        self._dt, self._shape = fine.frame_dt, fine.grid.shape
-
-    def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
-        """The networks see positions only."""
-
-    def velocities(self, history: Sequence[State]) -> np.ndarray:
-        return self._plain.velocities(history)
-
-
-class FullyConnected(Published):
+class FullyConnected(Upscaler):
     """``U*FC-V`` on 2 x 2 patches in absolute coordinates, one network per scene and factor.
 
     Args:
@@ -87,12 +70,12 @@ class FullyConnected(Published):
         self.frames = FEATURES[self._kind][0]
         self._net, self._layout = Mlp(found.arrays), squares(*coarse.grid.shape, factor)
         self._dense = dense_grid(fine.grid, coarse.grid, factor)
-        self._onto = None if self._dense.shape == self._shape else Resampler(self._dense, fine.grid)
+        self._onto = None if self._dense.shape == fine.grid.shape else Resampler(self._dense, fine.grid)
 
     def patches(self, history: Sequence[State]) -> np.ndarray:
         """What the network says of every patch, ``(B P, 3 (factor+1)^2)`` [m], before neighbours are averaged."""
         past = [self._layout.cut(state.positions) for state in history[-self.frames :]]
-        return self._net(combine(past, self._kind, self._dt))
+        return self._net(combine(past, self._kind, self.fine.frame_dt))
 
     def seam(self, history: Sequence[State]) -> float:
         """Mean distance [m] of neighbouring patches from their average, at the vertices that they share."""
@@ -103,7 +86,7 @@ class FullyConnected(Published):
         return dense if self._onto is None else self._onto(dense)
 
 
-class HierarchicalDnn(Published):
+class HierarchicalDnn(Upscaler):
     """Like H-DNN: every triangle's network gives the midpoints of its edges, level by level; one frame.
 
     Coarse vertices stay where they are, an edge's two midpoints are averaged. The paper runs it on a coarse cloth

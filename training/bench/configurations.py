@@ -10,8 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from cloth_envs.backend import Backend, make_backend
+from cloth_envs.backend import Backend
 from cloth_envs.physics.solver import SOLVERS
+from cloth_envs.registry import make_backend
 from cloth_envs.scene import Scene
 
 Options = Mapping[str, Any]

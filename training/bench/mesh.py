@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from cloth_envs.backend import make_backend
 from cloth_envs.machine import header
-from cloth_envs.registry import SCENES, load_task
+from cloth_envs.registry import SCENES, load_task, make_backend
 from cloth_envs.resample import resample
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State

@@ -9,13 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from cloth_envs.backend import make_backend
-from cloth_envs.physics.solver import reference
+from cloth_envs.registry import make_backend
 from cloth_envs.resample import resample, weights
 from cloth_envs.scene import Scene
-from cloth_envs.state import Controls, State
-from surrogates.miniature.backend import MiniatureBackend, UpscaledState
-from surrogates.miniature.coarse import coarse_grid, coarse_scene
+from cloth_envs.state import Controls, LazyState, State
+from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
+from surrogates.miniature.upscaled import Upscaled
 from surrogates.upscale.protocol import INTERPOLATIONS, Interpolation
 
 
@@ -42,20 +41,16 @@ class Extrapolation:
         return self._state
 
 
-class Coarser(MiniatureBackend):
+def coarser(scene: Scene, *, num_envs: int, factor: float, upscaler: str) -> Upscaled:
     """The similar miniature of any ``factor`` above 1, such as 1.5."""
-
-    def __init__(self, scene: Scene, *, num_envs: int, factor: float, upscaler: str) -> None:
-        super().__init__(scene, num_envs=num_envs, upscaler=upscaler)
-        coarse, self._handles = coarse_scene(scene, factor, scene.material)  # type: ignore[arg-type]
-        self.coarse = reference(coarse, num_envs=num_envs)
-        self._up = Interpolation(coarse, scene, 0, kind=INTERPOLATIONS[upscaler])
+    coarse = CoarsePhysics(scene, num_envs=num_envs, factor=factor)
+    return Upscaled(coarse, Interpolation(coarse.scene, scene, factor, kind=INTERPOLATIONS[upscaler]))
 
 
 class Offset:
     """A miniature plus what its upscaled start lacked: the fine detail of the start stays for ever."""
 
-    def __init__(self, miniature: MiniatureBackend) -> None:
+    def __init__(self, miniature: Upscaled) -> None:
         self.scene, self._miniature = miniature.scene, miniature
 
     def reset(self, state: State) -> None:
@@ -69,7 +64,8 @@ class Offset:
 
     def advance(self, controls: Controls) -> State:
         state = self._miniature.advance(controls)
-        return UpscaledState(self._miniature.coarse.state, lambda _, name: getattr(state, name) + self._lack[name])
+        x, v = self._lack["positions"], self._lack["velocities"]
+        return LazyState(self._miniature.coarse.state, lambda _: state.positions + x, lambda _: state.velocities + v)
 
 
 class Oracle:
@@ -77,7 +73,7 @@ class Oracle:
 
     def __init__(self, scene: Scene, truth: Sequence[State], *, factor: float, upscaler: str) -> None:
         self.scene, self._truth, self._kind = scene, truth, INTERPOLATIONS[upscaler]
-        self._coarse = coarse_grid(scene.grid, factor)  # type: ignore[arg-type]
+        self._coarse = coarse_grid(scene.grid, factor)
 
     def reset(self, state: State) -> None:
         self._frame = 0
@@ -109,7 +105,7 @@ def _solver(name: str, job: Job, **options: Any) -> Any:
 
 def _miniature(scaling: str, job: Job, *, factor: float, upscaler: str = "bicubic", **options: Any) -> Any:
     if factor not in (2, 3, 4):
-        return Coarser(job.scene, num_envs=job.num_envs, factor=factor, upscaler=upscaler)
+        return coarser(job.scene, num_envs=job.num_envs, factor=factor, upscaler=upscaler)
     options |= {"factor": factor, "scaling": scaling, "upscaler": upscaler, "threads": job.threads}
     return make_backend("miniature", job.scene, num_envs=job.num_envs, backend_kwargs=options)
 

@@ -23,9 +23,10 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linprog
 
-from cloth_envs.backend import Backend, make_backend
+from cloth_envs.backend import Backend
 from cloth_envs.machine import header
 from cloth_envs.physics.solver import reference
+from cloth_envs.registry import make_backend
 from cloth_envs.scene import Scene
 from training.bench.throughput.run import write_rows
 from training.bench.truth import Case, cache_folder, load, replay, vertex_error

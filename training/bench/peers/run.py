@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from cloth_envs.backend import make_backend
 from cloth_envs.machine import header
 from cloth_envs.physics.solver import SOLVERS
+from cloth_envs.registry import make_backend
 from training.bench.convergence.chaos import NUDGE, nudged
 from training.bench.peers import scenes as peers_scenes
 from training.bench.peers.chart import draw

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from cloth_envs.backend import Backend, make_backend
+from cloth_envs.backend import Backend
 from cloth_envs.failure import Failures
 from cloth_envs.physics.laws.budget import budget
 from cloth_envs.physics.laws.diagnostics import linear_momentum, strains
-from cloth_envs.registry import load_task
+from cloth_envs.registry import load_task, make_backend
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from training.bench.convergence.chaos import NUDGE, nudged

@@ -1,0 +1,110 @@
+"""Coarse physics and an upscaler, composed to a backend."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from _minicloth_kernels import inspect
+
+from cloth_envs.material import Material
+from cloth_envs.state import Controls, LazyState, State
+from surrogates.miniature.coarse import CoarsePhysics
+from surrogates.miniature.contact import Projection
+from surrogates.upscale.protocol import RememberingUpscaler, Upscaler
+
+GUARD = 0.5  # strain
+OWN = "upscaler."  # before the names of what an upscaler remembers
+
+
+class Upscaled:
+    """A coarse cloth, upscaled when the fine one is read.
+
+    Driven vertices of the fine cloth are put exactly where they are driven, others never end in a body: ``contact``
+    puts them on its surface and counts them.
+
+    Args:
+        coarse: what moves.
+        upscaling: what makes a fine cloth of it.
+        guard: interpolate a cloth bicubically in frames in which the upscaler would strain an edge by over ``GUARD``.
+
+    Attributes:
+        guarded: the members of which that was so in the last frame that was read, ``(B,)``.
+    """
+
+    def __init__(self, coarse: CoarsePhysics, upscaling: Upscaler, *, guard: bool = False) -> None:
+        self.scene, self.coarse, self.upscaling = coarse.fine, coarse, upscaling
+        self.contact, self.guarded = Projection(self.scene), np.zeros(0, bool)
+        self._guard, self._held = guard, np.array(self.scene.handles, np.int32)
+        self._state: State | None = None
+        coarse.frames = upscaling.frames
+
+    @property
+    def state(self) -> State:
+        """The present fine state."""
+        if self._state is None:
+            raise RuntimeError("there is no cloth yet: call reset(state) first")
+        return self._state
+
+    @property
+    def memory(self) -> dict[str, np.ndarray]:
+        """The coarse cloth, with its past frames, and what the upscaler remembers."""
+        own = self.upscaling.memory if isinstance(self.upscaling, RememberingUpscaler) else {}
+        return self.coarse.memory | {OWN + name: value for name, value in own.items()}
+
+    def recall(self, memory: Mapping[str, np.ndarray]) -> None:
+        """Take back, after a ``reset`` of the whole batch, what ``memory`` held."""
+        self.coarse.recall(memory)
+        if isinstance(self.upscaling, RememberingUpscaler):
+            self.upscaling.recall({n[len(OWN) :]: value for n, value in memory.items() if n.startswith(OWN)})
+
+    def reset(
+        self, state: State, materials: Sequence[Material] | None = None, which: Sequence[int] | None = None
+    ) -> None:
+        """Start from ``state``; see ``Backend.reset``."""
+        chosen = [self.scene.material] * state.batch if materials is None else materials
+        members = range(state.batch) if which is None else which
+        self.coarse.reset(state, chosen, which)
+        self.upscaling.set_materials(members, chosen)
+        if isinstance(self.upscaling, RememberingUpscaler):
+            self.upscaling.reset(members, self.coarse.history)
+        if which is None:
+            self._state, self.guarded = state.astype(np.float32), np.zeros(state.batch, bool)
+        else:
+            self._state = self.state.copy()
+            self._state.assign(list(which), state)
+
+    def advance(self, controls: Controls) -> State:
+        """One frame; the fine cloth is computed when it is first read, at once for an upscaler that remembers."""
+        coarse = self.coarse.advance(controls)
+        history, handles = self.coarse.history, self.coarse.handles
+
+        def positions(_: State) -> np.ndarray:
+            fine = self.upscaling.positions(history)
+            handles.place(fine, controls.handle_positions, self._held)
+            if self._guard:
+                self._fall_back(fine, coarse, controls)
+            self.contact.positions(fine, coarse)
+            return fine
+
+        def velocities(state: State) -> np.ndarray:
+            fine = self.upscaling.velocities(history)
+            handles.place(fine, controls.handle_velocities, self._held)
+            if self.scene.colliders:
+                self.contact.velocities(fine, state.positions, coarse)
+            return fine
+
+        self._state = LazyState(coarse, positions, velocities)
+        if isinstance(self.upscaling, RememberingUpscaler):
+            self._state.arrays()
+        return self._state
+
+    def _fall_back(self, fine: np.ndarray, coarse: State, controls: Controls) -> None:
+        """Change strained members of ``fine`` into what interpolation makes of them."""
+        grid = self.scene.grid
+        found = inspect(fine, fine, grid.row_spacing, grid.col_spacing, grid.periodic)
+        self.guarded = np.array([not strain <= GUARD for _, strain, _ in found])
+        if self.guarded.any():
+            plain = self.upscaling.bicubic(coarse.positions)
+            self.coarse.handles.place(plain, controls.handle_positions, self._held)
+            fine[self.guarded] = plain[self.guarded]
