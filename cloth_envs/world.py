@@ -15,7 +15,7 @@ from cloth_envs.material import PROPERTIES, Material, as_material
 from cloth_envs.naming import unknown_name
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import load_task, make_backend
-from cloth_envs.scenes.task import Episode, Start
+from cloth_envs.scenes.task import Episode, Start, Task
 from cloth_envs.state import Controls, State
 
 OBSERVATIONS = ("keypoints", "mesh")
@@ -24,7 +24,7 @@ VELOCITY_BOUND = 100.0  # m/s
 
 
 class World:
-    """``num_envs`` episodes of one scene on one backend.
+    """``num_envs`` episodes of one scene, by its name or its task's class, on one backend.
 
     Raises:
         ValueError: unknown scene, preset, backend, fabric, property or observation (the nearest match is
@@ -33,7 +33,7 @@ class World:
 
     def __init__(
         self,
-        scene: str,
+        scene: str | type[Task],
         *,
         num_envs: int = 1,
         backend: str = "reference",
@@ -46,7 +46,10 @@ class World:
     ) -> None:
         if obs not in OBSERVATIONS:
             raise unknown_name("observation", obs, OBSERVATIONS)
-        task_class = load_task(scene) if preset is None else load_preset(scene, preset)
+        if not isinstance(scene, str):
+            task_class = scene
+        else:
+            task_class = load_task(scene) if preset is None else load_preset(scene, preset)
         for name, value in {"material": material, "randomize": randomize, "resolution": resolution}.items():
             if value and name in task_class.fixed:
                 raise ValueError(f"preset={preset!r} fixes the {name}: leave {name}= out")

@@ -25,9 +25,9 @@ from surrogates.cell.backend import CellNet, CellSheet, TorchNet, dimensional, d
 from surrogates.cell.numbers import CLASSES
 from training.bench.papers import cell as cnn
 from training.bench.papers import large_step as cnn_large_step
-from training.physics_cnn_fit import as_cell, least_squares, rows
-from training.physics_cnn_sheets import columns, identify, solve
-from training.train_physics_cnn import main
+from training.cell.sheets import columns, identify, solve
+from training.cell.solve import as_cell, least_squares, rows
+from training.cell.train import main
 
 EPS = {"float32": np.finfo(np.float32).eps, "float64": np.finfo(np.float64).eps}
 NETS = [(scene, preset) for preset in ("zhao2024", "zhao2024-fall") for scene in PRESETS[preset]]

@@ -15,7 +15,7 @@ from training.bench.papers import run as tables
 from training.bench.papers.published import KEY, POINT_KEY, Point, Row, measure, pairs, score, text, windows
 from training.bench.papers.published_readings import measured, motion
 from training.bench.papers.published_runs import UNSCALED, UPSCALERS, by_frame, held_out, miniature, teacher, unscaled
-from training.recipes.published import SCENES, SHIPPED
+from training.recipes.upscaler import SCENES, SHIPPED
 from training.rows import Store
 
 FRAMES = 4

@@ -25,10 +25,10 @@ BENCHMARKS = {
     "transfer": "training.bench.transfer.run:main",
 }
 TRAININGS = {
-    "dynamics": "training.train_dynamics:main",
-    "local": "training.train_local:main",
-    "physics-cnn": "training.train_physics_cnn:main",
-    "upscaler": "training.train_upscaler:main",
+    "dynamics": "training.dynamics.train:main",
+    "local": "training.local.train:main",
+    "physics-cnn": "training.cell.train:main",
+    "upscaler": "training.upscaler.train:main",
 }
 
 

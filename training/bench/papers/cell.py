@@ -23,9 +23,9 @@ from cloth_envs.physics.particles.solver import NEIGHBOURS, ParticleSolver, net_
 from surrogates.cell.backend import CellNet, TorchNet, dimensional
 from surrogates.checkpoint import load
 from training.bench.throughput.run import write_rows
-from training.physics_cnn_data import CASES, STEPS, case
-from training.physics_cnn_fit import least_squares, rows
-from training.physics_cnn_score import NUDGE, Run, errors
+from training.cell.data import CASES, STEPS, case
+from training.cell.score import NUDGE, Run, errors
+from training.cell.solve import least_squares, rows
 from training.rows import Store
 
 CELLS = ("cnn_particles_least_squares", "cnn_particles", "cnn_particles_fall", "cnn_particles_blow")

@@ -40,7 +40,7 @@ from training.bench.papers.published_runs import (
     upscaled,
     upscalers,
 )
-from training.recipes.published import FACTORS, SCENES, Recipe
+from training.recipes.upscaler import FACTORS, SCENES, Recipe
 from training.rows import Store
 
 HORIZONS = (10, 14, 25, 100)  # frames of free runs

@@ -11,7 +11,7 @@ from cloth_envs.style import INK, import_figure
 from training.bench.papers.published import TABLE_7, Point, Row
 from training.bench.papers.published_runs import UNSCALED
 from training.bench.speed_accuracy.chart import SHADE, SOFT, WIDTH, dress
-from training.recipes.published import SCENES
+from training.recipes.upscaler import SCENES
 
 # method -> name, colour (Okabe & Ito 2008), marker, line. Other upscalers take what is left.
 LOOKS: dict[str, tuple[str, str, str, str]] = {

@@ -19,7 +19,7 @@ from training.bench.papers.published_runs import (
     unscaled,
     upscalers,
 )
-from training.train_upscaler import work_folder
+from training.recipes.upscaler import work_folder
 
 # Scene, the preset's options, how many frames.
 SHOWN: tuple[tuple[str, dict[str, float], int], ...] = (

@@ -56,7 +56,8 @@ def teacher(scene: str, frames: int, options: Mapping[str, float] | None = None,
     cls: Any = load_preset(scene, {"name": PRESET, **(options or {})})
     cls = type(cls.__name__, (cls,), attributes)
     task = cls(cls.make_scene(resolution=cls.resolution, material=cls.material))
-    return Run(task.scene, *simulate(task, PRESET, np.random.default_rng(0), frames))
+    run = simulate(task, PRESET, np.random.default_rng(0), frames)
+    return Run(run.scene, list(run.states.values()), run.controls)
 
 
 def held_out(scene: str, count: int) -> Iterator[Run]:
@@ -65,7 +66,8 @@ def held_out(scene: str, count: int) -> Iterator[Run]:
     for index in range(HELD_OUT_EVERY - 1, count * HELD_OUT_EVERY, HELD_OUT_EVERY):
         own = draw(plan, index)
         task, rng = task_of(scene, PRESET, own), np.random.default_rng((plan.seed, index, 1))
-        yield Run(task.scene, *simulate(task, PRESET, rng, plan.frames, own.push))
+        run = simulate(task, PRESET, rng, plan.frames, own.push)
+        yield Run(run.scene, list(run.states.values()), run.controls)
 
 
 def miniature(run: Run, factor: int, first: int, frames: int, **options: Any) -> list[State]:
@@ -117,7 +119,7 @@ def upscalers(run: Run, factor: int, names: Sequence[str], extra: Path | None = 
                 coarse, run.scene, factor, weights=load(f"{stem}_{kind}", extra)
             )
     taught = f"{weights_name('local', run.scene.name)}_{factor}"
-    if extra and (extra / f"{taught}.safetensors").is_file():  # of training.published_local
+    if extra and (extra / f"{taught}.safetensors").is_file():  # of training.local.published
         found["local"] = Local(coarse, run.scene, factor, arrays=load(taught, extra).arrays)
     for each in found.values():
         each.set_materials([0], [run.scene.material])

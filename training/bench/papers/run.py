@@ -27,7 +27,7 @@ from surrogates.upscale.protocol import INTERPOLATIONS
 from training.bench.papers import cell as cnn
 from training.bench.papers import published, published_chart, published_pictures
 from training.bench.throughput.run import write_rows
-from training.train_upscaler import work_folder
+from training.recipes.upscaler import work_folder
 
 TEACHER = {"solver": "admm", "iterations": 10}
 SCENES = ("Curtain", "Flag", "Collision")
