@@ -9,8 +9,8 @@ from cloth_envs.material import FABRICS, Material
 from cloth_envs.registry import BACKENDS, EPISODE_FRAMES, SCENES, env_id, register_backend
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
+from cloth_envs.version import __version__
 
-__version__ = "0.1.0"
 __all__ = [
     "BACKENDS",
     "FABRICS",
@@ -21,6 +21,7 @@ __all__ = [
     "Scene",
     "State",
     "Wind",
+    "__version__",
     "env_id",
     "register_backend",
 ]

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
 
 from cloth_envs.naming import unknown_name
+from cloth_envs.scene import Scene
+from cloth_envs.scenes.task import Task
 from cloth_envs.state import State
 from cloth_envs.world import World
+
+if TYPE_CHECKING:
+    from cloth_envs.rendering import Renderer
 
 
 class ClothEnv(gym.Env[Any, np.ndarray]):
@@ -41,26 +46,27 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
     def __init__(self, scene: str, *, render_mode: str | None = None, **options: Any) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise unknown_name("render_mode", render_mode, self.metadata["render_modes"])
-        self._world = World(scene, **options)
+        self.world = World(scene, **options)
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(1 / self.scene.frame_dt)}
-        self.observation_space = self._world.observation_space
-        self.action_space = self._world.action_space
-        self._renderer: Any = None
+        self.observation_space = self.world.observation_space
+        self.action_space = self.world.action_space
+        self._renderer: Renderer | None = None
 
     @property
-    def scene(self) -> Any:
+    def scene(self) -> Scene:
         """The frozen ``Scene``; ``scene.describe()`` says what is modelled."""
-        return self._world.scene
+        return self.world.scene
 
     @property
-    def task(self) -> Any:
-        return self._world.task
+    def task(self) -> Task:
+        """The task that maps actions to controls and states to rewards."""
+        return self.world.task
 
     @property
     def state(self) -> State:
         """The present state, a batch of one; read only."""
-        return self._world.state
+        return self.world.state
 
     @property
     def positions(self) -> np.ndarray:
@@ -83,25 +89,25 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         Raises:
             ValueError: wrong shape or values that are not finite; the state is unchanged.
         """
-        self._world.set_positions(positions, velocities)
+        self.world.set_positions(positions, velocities)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         super().reset(seed=seed)
-        self._world.reset({0: self.np_random})
+        self.world.reset({0: self.np_random})
         return self._observation(), {}
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        rewards, reasons = self._world.step(np.asarray(action)[None])
+        rewards, reasons = self.world.step(np.asarray(action)[None])
         info = {} if reasons[0] is None else {"failure": reasons[0]}
         return self._observation(), float(rewards[0]), reasons[0] is not None, False, info
 
     def _observation(self) -> Any:
-        batch = self._world.observe()
+        batch = self.world.observe()
         return {name: part[0] for name, part in batch.items()} if isinstance(batch, dict) else batch[0]
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that decides the future, as arrays: save with ``numpy.savez(file, **state)``."""
-        return self._world.get_state()
+        return self.world.get_state()
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
         """Continue from what ``get_state`` gave, here or in another process, bit for bit.
@@ -109,8 +115,8 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         Raises:
             ValueError: the state belongs to another scene or resolution.
         """
-        self._world.set_state(state)
-        generator = self._world.rngs[0]
+        self.world.set_state(state)
+        generator = self.world.rngs[0]
         if generator is not None:
             self.np_random = generator
 

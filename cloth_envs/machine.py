@@ -9,7 +9,7 @@ from pathlib import Path
 import _minicloth_kernels as kernels
 import numpy as np
 
-import cloth_envs
+from cloth_envs.version import __version__
 
 
 def processor() -> str:
@@ -29,5 +29,5 @@ def header() -> dict[str, object]:
         "platform": platform.platform(),
         "python": platform.python_version(),
         "numpy": np.__version__,
-        "minicloth": cloth_envs.__version__,
+        "minicloth": __version__,
     }

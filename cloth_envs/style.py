@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from cloth_envs.extras import install
+
 # Okabe & Ito (2008), distinct for every kind of colour vision; black and yellow are left out.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 MARKERS = ("o", "s", "D", "^", "v", "P")
@@ -21,7 +23,7 @@ def import_figure() -> Any:
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
-        raise ImportError(f'charts need Matplotlib ({error}): pip install "minicloth[render]"') from error
+        raise ImportError(f"charts need Matplotlib ({error}): {install('render')}") from error
     return Figure
 
 

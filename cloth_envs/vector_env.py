@@ -13,6 +13,7 @@ from gymnasium.vector.utils import batch_space
 from cloth_envs.backend import keywords
 from cloth_envs.naming import unknown_name
 from cloth_envs.registry import load_backend
+from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from cloth_envs.world import World
 
@@ -58,29 +59,30 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         )
         takes_threads = "threads" in keywords(load_backend(options.get("backend", "reference")))
         kwargs = ({"threads": threads} if takes_threads else {}) | (backend_kwargs or {})
-        self._world = World(scene, num_envs=num_envs, backend_kwargs=kwargs, **options)
+        self.world = World(scene, num_envs=num_envs, backend_kwargs=kwargs, **options)
         self.num_envs = num_envs
         self.render_mode = None
         self.metadata = {
             "autoreset_mode": self.autoreset_mode,
             "render_modes": [],
-            "render_fps": round(1 / self._world.scene.frame_dt),
+            "render_fps": round(1 / self.world.scene.frame_dt),
         }
-        self.single_observation_space = self._world.observation_space
-        self.single_action_space = self._world.action_space
+        self.single_observation_space = self.world.observation_space
+        self.single_action_space = self.world.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._rngs: list[np.random.Generator | None] = [None] * num_envs
         self._ended = np.zeros(num_envs, bool)
 
     @property
-    def scene(self) -> Any:
-        return self._world.scene
+    def scene(self) -> Scene:
+        """The frozen ``Scene``."""
+        return self.world.scene
 
     @property
     def state(self) -> State:
         """The present batched state; read only."""
-        return self._world.state
+        return self.world.state
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -105,15 +107,15 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             if seeds[i] is not None or self._rngs[i] is None:
                 self._rngs[i], _ = seeding.np_random(seeds[i])
         self._start(np.flatnonzero(mask))
-        return self._world.observe(), {}
+        return self.world.observe(), {}
 
     def _start(self, which: np.ndarray) -> None:
         rngs = {int(i): rng for i in which if (rng := self._rngs[i]) is not None}
-        self._world.reset(rngs)
+        self.world.reset(rngs)
         self._ended[which] = False
 
     def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        world, n = self._world, self.num_envs
+        world, n = self.world, self.num_envs
         again = self._ended.copy()
         if again.any() and self.autoreset_mode is AutoresetMode.DISABLED:
             raise RuntimeError(
@@ -145,7 +147,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that decides the future, as arrays; see ``ClothEnv.get_state``."""
-        return {**self._world.get_state(), "ended": self._ended.copy()}
+        return {**self.world.get_state(), "ended": self._ended.copy()}
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
         """Continue from what ``get_state`` gave, bit for bit.
@@ -153,8 +155,8 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         Raises:
             ValueError: the state belongs to another scene, resolution or number of environments.
         """
-        self._world.set_state(state)
-        self._rngs = list(self._world.rngs)
+        self.world.set_state(state)
+        self._rngs = list(self.world.rngs)
         self._ended = np.asarray(state["ended"]).copy()
 
 

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from _minicloth_kernels import clip_actions, gather
 from gymnasium import spaces
 
 from cloth_envs.failure import Failures
@@ -15,6 +14,8 @@ from cloth_envs.material import PROPERTIES, Material, as_material
 from cloth_envs.naming import unknown_name
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import load_task, make_backend
+from cloth_envs.scenes.drives import clip_actions
+from cloth_envs.scenes.measures import gather
 from cloth_envs.scenes.task import Episode, Start, Task
 from cloth_envs.state import Controls, State
 
@@ -25,6 +26,9 @@ VELOCITY_BOUND = 100.0  # m/s
 
 class World:
     """``num_envs`` episodes of one scene, by its name or its task's class, on one backend.
+
+    Attributes:
+        controls: what the last ``step`` gave to the backend; None before the first.
 
     Raises:
         ValueError: unknown scene, preset, backend, fabric, property or observation (the nearest match is
@@ -56,7 +60,7 @@ class World:
         base = as_material(material, task_class.material)
         self.ranges = _check_ranges(randomize)
         shape = _check_resolution(resolution, task_class.resolution)
-        self.task = task_class(task_class.make_scene(resolution=shape, material=base))
+        self.task: Task = task_class(task_class.make_scene(resolution=shape, material=base))
         self.scene = self.task.scene
         if backend == "reference" and "solver" not in (backend_kwargs or {}):
             backend_kwargs = {**solver_of(preset), **(backend_kwargs or {})}
@@ -67,7 +71,7 @@ class World:
         self.materials = [base] * num_envs
         self.frames = np.zeros(num_envs, np.int64)
         self.episode: Episode | None = None
-        self.controls: Controls | None = None  # of the last frame
+        self.controls: Controls | None = None
 
         bound = np.concatenate(
             [

@@ -1,4 +1,8 @@
-"""What several tests need."""
+"""For all tests: a fixture, and one thread each for torch and BLAS.
+
+Their idle threads spin; with many small operations on a busy machine, or beside another worker, that takes up to ten
+times as long. Set before either is imported; what a test starts as a process of its own inherits it.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,8 @@ from contextlib import AbstractContextManager, contextmanager
 
 import pytest
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # of torch: on networks this small its threads only wait for each other
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
 
 
 @pytest.fixture

@@ -283,7 +283,7 @@ def test_missing_packages_name_the_remedy(
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, package, None)
     assert main(["compare", "Flag", "--frames", "10000", "--out", str(tmp_path)]) == 2
-    assert 'pip install "minicloth[render]"' in capsys.readouterr().err
+    assert 'pip install -e ".[render]"' in capsys.readouterr().err
 
 
 def test_bench_passes_its_options_on(capsys: pytest.CaptureFixture[str]) -> None:

@@ -19,7 +19,7 @@ from cloth_envs.world import World
 from surrogates.checkpoint import WEIGHTS, load
 from surrogates.miniature.backend import MiniatureBackend
 from surrogates.miniature.correction import ARRAYS, Correction, shipped, weights_name
-from training.dynamics.data import Episodes, episodes
+from training.dynamics.data import Course, Episodes, episodes
 from training.dynamics.train import LIMIT, Trainer, main
 from training.recipes.dynamics import Recipe
 
@@ -118,12 +118,12 @@ def data(cache: Path) -> Episodes:
     return episodes("Curtain", range(1000, 1003), 4, ("smooth",), cache)
 
 
-def test_training_on_frames_descends(data: Episodes, tmp_path: Path) -> None:
-    """From answers of 0, on the frames that it learns from."""
-    trainer = Trainer(data, Recipe(hidden=16, warm=100, steps=0))
-    before = trainer.miss(*trainer.frames).item()
+def test_a_small_training_descends_on_its_own_episodes(data: Episodes, tmp_path: Path) -> None:
+    """Along all five frames of restarts: by a fifth to a quarter of the error when this was written."""
+    trainer = Trainer(data, Recipe(hidden=16, warm=200, steps=2))
     arrays = trainer.fit(tmp_path / "net", "")
-    assert trainer.miss(*trainer.frames).item() < 0.9 * before
+    found = Course(data, "closure", trainer.correction).errors(5)
+    assert (found < Course(data, "closure").errors(5)).all()
     assert arrays["limit"] == pytest.approx(LIMIT * trainer.scale.numpy())
 
 

@@ -166,7 +166,7 @@ def test_a_failed_simulation_ends_the_episode_with_its_last_good_state() -> None
     stretched = env.positions
     stretched[:, 1:] += np.float32(0.9) * (stretched[:, 1:] - stretched[:, :1])
     env.set_positions(stretched)
-    advance = env._world.backend.advance
+    advance = env.world.backend.advance
 
     def spoil(value: float, field: str):  # a backend that goes wrong in its next frame
         def broken(controls):
@@ -184,9 +184,9 @@ def test_a_failed_simulation_ends_the_episode_with_its_last_good_state() -> None
     ]:
         env.reset(seed=0)
         before = env.positions
-        env._world.backend.advance = spoil(value, field)
+        env.world.backend.advance = spoil(value, field)
         obs, reward, terminated, truncated, info = env.step(np.zeros(3, np.float32))
-        env._world.backend.advance = advance
+        env.world.backend.advance = advance
         assert (terminated, truncated, reward) == (True, False, 0.0)
         assert info == {"failure": reason}
         assert np.isfinite(obs).all()

@@ -112,7 +112,7 @@ def test_handles_stay_where_they_are_driven_and_the_cloth_stays_whole(scene: str
     for _ in range(10):
         _, _, failed, _, info = env.step(env.action_space.sample())
         assert not failed, info
-    world = env._world
+    world = env.world
     controls = env.task.controls(world.episode)
     held = world.backend.advance(controls).positions.reshape(3, -1)[:, list(env.scene.handles)]
     np.testing.assert_array_equal(held.T, controls.handle_positions[0].astype(np.float32))
@@ -134,7 +134,7 @@ def test_every_handle_is_followed_and_no_coarse_vertex_is_driven_far_from_one() 
 def test_the_fine_cloth_is_computed_when_it_is_read() -> None:
     env = make("Hanging")
     env.reset(seed=0)
-    state = env._world.backend.advance(Controls.hold(env.state, env.scene.handles))
+    state = env.world.backend.advance(Controls.hold(env.state, env.scene.handles))
     assert isinstance(state, LazyState)
     assert state.batch == 1
     assert "positions" not in vars(state)

@@ -11,8 +11,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from cloth_envs.commands.cli import BENCHMARKS
 from cloth_envs.scene import Scene
+from training.bench.benchmark import BENCHMARKS
 from training.bench.cost import TOLERANCE
 from training.bench.peers import rows as peers_rows
 from training.bench.peers import run as peers

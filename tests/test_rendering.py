@@ -259,7 +259,7 @@ def test_a_missing_library_says_what_to_install(flag, monkeypatch):
     with pytest.raises(ImportError, match="apt-get install libegl1"):
         renderer_module.check_window("vtkOSOpenGLRenderWindow")
     monkeypatch.setitem(sys.modules, "pyvista", None)
-    with pytest.raises(ImportError, match=r'pip install "minicloth\[render\]"'):
+    with pytest.raises(ImportError, match=r'pip install -e "\.\[render\]"'):
         drawer.draw(state)
 
 

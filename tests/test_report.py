@@ -12,8 +12,9 @@ from typing import Any
 
 import pytest
 
-from cloth_envs.commands.cli import BENCHMARKS, main
+from cloth_envs.commands.cli import main
 from training.bench import mesh
+from training.bench.benchmark import BENCHMARKS
 from training.bench.report import run as report
 from training.bench.report.tables import survived
 from training.bench.speed_accuracy.rows import Summary
@@ -132,7 +133,7 @@ def test_missing_packages_leave_the_rest(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setitem(sys.modules, "training.bench.papers.run", None)
     report.write(tmp_path, tmp_path, tmp_path / "a.html")
     words = Page((tmp_path / "a.html").read_text()).words
-    assert 'pip install "minicloth[all]"' in words
+    assert 'pip install -e ".[all]"' in words
     assert "ns per vertex and substep" in words
 
 

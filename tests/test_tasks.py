@@ -11,7 +11,9 @@ import pytest
 
 from cloth_envs.policies import CONTROLLERS
 from cloth_envs.registry import SCENES, load_task
-from cloth_envs.scenes.task import Drive, Start, Task, bow
+from cloth_envs.scenes.drives import Drive
+from cloth_envs.scenes.starts import bow
+from cloth_envs.scenes.task import Start, Task
 from cloth_envs.state import State
 from cloth_envs.world import World
 

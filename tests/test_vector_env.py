@@ -91,7 +91,7 @@ def test_state_continues() -> None:
 def test_a_failure_ends_one_member_only() -> None:
     env = vector("Flag")
     env.reset(seed=0)
-    backend = env.unwrapped._world.backend
+    backend = env.unwrapped.world.backend
     advance = backend.advance
 
     def broken(controls):  # member 1 goes wrong

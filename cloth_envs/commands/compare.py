@@ -10,10 +10,12 @@ from cloth_envs.commands import chart, tables
 from cloth_envs.commands.entries import choose_entries
 from cloth_envs.commands.film import film
 from cloth_envs.commands.measure import compare
-from cloth_envs.commands.outputs import check_folder, import_imageio
+from cloth_envs.commands.outputs import import_imageio
+from cloth_envs.files import check_folder
 from cloth_envs.policies import open_loop
 from cloth_envs.registry import load_task
 from cloth_envs.rendering.renderer import import_pyvista
+from cloth_envs.style import import_figure
 
 FRAMES, HORIZON = 120, 10
 
@@ -41,7 +43,7 @@ def compare_scene(
     task = load_task(scene)
     actions = open_loop(policy, frames, len(task.actions), task.frame_dt, seed)
     folder = check_folder(out or f"compare_{scene.lower()}")
-    chart.import_figure()
+    import_figure()
     if video:
         import_imageio()
         import_pyvista()

@@ -109,6 +109,83 @@ def run(world: World, actions: np.ndarray, see: Callable[[int, World], None]) ->
     return None
 
 
+@dataclass
+class Truth:
+    """The run that others are measured against: positions of every frame, and what was saved of some of them."""
+
+    world: World
+    positions: list[np.ndarray]
+    saved: dict[int, dict[str, np.ndarray]]
+
+    @classmethod
+    def follow(cls, world: World, actions: np.ndarray, seed: int, starts: Sequence[int]) -> Truth:
+        """Run ``world`` from its start, saving frame 0 and ``starts``.
+
+        Raises:
+            ValueError: it failed.
+        """
+        world.reset({0: np_random(seed)[0]})
+        made = cls(world, [world.state.positions[0].copy()], {0: world.get_state()})
+
+        def keep(done: int, world: World) -> None:
+            made.positions.append(world.state.positions[0].copy())
+            if done in starts:
+                made.saved[done] = world.get_state()
+
+        failure = run(world, actions, keep)
+        if failure:
+            raise ValueError(f"the reference itself failed ({failure}): choose another seed, policy or material")
+        return made
+
+    def set(self, world: World, frame: int) -> None:
+        """Put another world where the truth was at a saved frame."""
+        restart(world, self.saved[frame], self.world.scene.grid)
+
+    def distance(self, world: World, frame: int) -> tuple[float, float]:
+        """Mean vertex distance and difference of the mean height, both over the cloth's length."""
+        grid = self.world.scene.grid
+        length = max(grid.height, grid.width)
+        gap = resample(world.state.positions[0].astype(np.float64), world.scene.grid, grid) - self.positions[frame]
+        return float(np.sqrt((gap**2).sum(0)).mean() / length), float(abs(gap[2].mean()) / length)
+
+
+def score(result: Result, world: World, truth: Truth, actions: np.ndarray, horizons: list[int], start: int) -> None:
+    """Add to ``result`` the errors of the window that begins at a saved frame, NaN from a failure on."""
+    found = np.full((2, len(horizons)), np.nan)
+
+    def measure(done: int, world: World) -> None:
+        if done in horizons:
+            found[:, horizons.index(done)] = truth.distance(world, start + done)
+
+    truth.set(world, start)
+    run(world, actions[start : start + horizons[-1]], measure)
+    result.errors, result.heights = np.vstack([result.errors, found[0]]), np.vstack([result.heights, found[1]])
+
+
+def go_free(result: Result, world: World, truth: Truth, actions: np.ndarray) -> None:
+    """Fill in the free run of ``result``: its states, how far it parts, why it failed."""
+    truth.set(world, 0)
+    result.states = [world.state.copy()]
+    path: list[float] = []
+
+    def watch(done: int, world: World) -> None:
+        result.states.append(world.state.copy())
+        path.append(truth.distance(world, done)[0])
+
+    result.failure = run(world, actions, watch)
+    result.divergence = float(np.mean(path)) if path else np.nan
+
+
+def clock(result: Result, world: World, truth: Truth, actions: np.ndarray) -> None:
+    """Add the time of every frame of one more free run."""
+    backend, timed = world.backend, Timed(world.backend)
+    truth.set(world, 0)
+    world.backend = timed
+    run(world, actions, lambda done, world: None)
+    world.backend = backend
+    result.seconds += timed.seconds
+
+
 def compare(
     scene: str,
     entries: Sequence[Entry],
@@ -136,60 +213,19 @@ def compare(
     starts = sorted({round(last * i / STARTS) for i in range(1, STARTS + 1)}) if last else [0]
     truth_entry = Entry("reference", resolution, TRUTH_KWARGS)
     worlds = [entry.world(scene, material) for entry in entries]
-    truth = truth_entry.world(scene, material)
-    grid = truth.scene.grid
-    length = max(grid.height, grid.width)
-
+    world_of_truth = truth_entry.world(scene, material)
     report("truth")
-    truth.reset({0: np_random(seed)[0]})
-    positions, saved = [truth.state.positions[0].copy()], {0: truth.get_state()}
-
-    def keep(done: int, world: World) -> None:
-        positions.append(world.state.positions[0].copy())
-        if done in starts:
-            saved[done] = world.get_state()
-
-    failure = run(truth, actions, keep)
-    if failure:
-        raise ValueError(f"the reference itself failed ({failure}): choose another seed, policy or material")
-
-    def distance(world: World, frame: int) -> tuple[float, float]:
-        gap = resample(world.state.positions[0].astype(np.float64), world.scene.grid, grid) - positions[frame]
-        return float(np.sqrt((gap**2).sum(0)).mean() / length), float(abs(gap[2].mean()) / length)
-
-    results = [Result(entry) for entry in entries]
+    truth = Truth.follow(world_of_truth, actions, seed, starts)
+    none = np.zeros((0, len(horizons)))
+    results = [Result(entry, errors=none, heights=none) for entry in entries]
     for result, world in zip(results, worlds, strict=True):
         report(result.entry.label)
         world.reset({0: np_random(seed)[0]})
-        result.errors = np.full((len(starts), len(horizons)), np.nan)
-        result.heights = result.errors.copy()
-        for row, start in enumerate(starts):
-            restart(world, saved[start], grid)
-
-            def score(done: int, world: World, row: int = row, start: int = start, result: Result = result) -> None:
-                if done in horizons:
-                    at = row, horizons.index(done)
-                    result.errors[at], result.heights[at] = distance(world, start + done)
-
-            run(world, actions[start : start + horizons[-1]], score)
-        restart(world, saved[0], grid)
-        result.states = [world.state.copy()]
-        path: list[float] = []
-
-        def watch(done: int, world: World, result: Result = result, path: list[float] = path) -> None:
-            result.states.append(world.state.copy())
-            path.append(distance(world, done)[0])
-
-        result.failure = run(world, actions, watch)
-        result.divergence = float(np.mean(path)) if path else np.nan
-
+        for start in starts:
+            score(result, world, truth, actions, horizons, start)
+        go_free(result, world, truth, actions)
     report("timing")
     for _ in range(repeats):  # in turn, so that a busy moment of the machine hits all alike
         for result, world in zip(results, worlds, strict=True):
-            backend, timed = world.backend, Timed(world.backend)
-            restart(world, saved[0], grid)
-            world.backend = timed
-            run(world, actions, lambda done, world: None)
-            world.backend = backend
-            result.seconds += timed.seconds
-    return Comparison(truth.scene, truth_entry, results, horizons, starts)
+            clock(result, world, truth, actions)
+    return Comparison(truth.world.scene, truth_entry, results, horizons, starts)

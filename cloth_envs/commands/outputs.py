@@ -1,8 +1,7 @@
-"""Files that commands write: checked before anything is simulated, and written by imageio."""
+"""Videos and images that commands write."""
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -12,6 +11,8 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from cloth_envs.extras import install
+from cloth_envs.files import check_file, check_folder
 from cloth_envs.rendering import Camera, Renderer, framing
 from cloth_envs.rendering.renderer import import_pyvista
 from cloth_envs.scene import Scene
@@ -28,47 +29,8 @@ def import_imageio() -> ModuleType:
         import imageio.v2
         import imageio_ffmpeg  # noqa: F401
     except ImportError as error:
-        raise ImportError(f'pictures and videos need imageio ({error}): pip install "minicloth[render]"') from error
+        raise ImportError(f"pictures and videos need imageio ({error}): {install('render')}") from error
     return imageio.v2
-
-
-def check_file(path: str | Path, *, suffixes: Sequence[str] = ()) -> Path:
-    """A file that can be written (an existing one stays as it is).
-
-    Raises:
-        ValueError: another suffix than ``suffixes``.
-        OSError: it can't be written.
-    """
-    path = Path(path)
-    if suffixes and path.suffix.lower() not in suffixes:
-        raise ValueError(f"{path} must end in {' or '.join(suffixes)}")
-    existed = path.exists()
-    try:
-        with path.open("ab"):
-            pass
-    except OSError as error:
-        folder = path.absolute().parent
-        advice = "choose a path that you may write" if folder.is_dir() else f"create the folder {folder} first"
-        raise OSError(f"can't write {path} ({error.strerror}): {advice}") from error
-    if not existed:
-        path.unlink()
-    return path
-
-
-def check_folder(path: str | Path) -> Path:
-    """A folder that can be written, made if need be.
-
-    Raises:
-        OSError: it can't be made or written.
-    """
-    path = Path(path)
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=path):
-            pass
-    except OSError as error:
-        raise OSError(f"can't write into {path} ({error.strerror}): choose a folder that you may write") from error
-    return path
 
 
 def open_video(path: Path, fps: float) -> Any:

@@ -10,7 +10,8 @@ from typing import Any
 import gymnasium as gym
 from tqdm import tqdm
 
-from cloth_envs.commands.outputs import check_file, check_pictures, write_pictures
+from cloth_envs.commands.outputs import check_pictures, write_pictures
+from cloth_envs.files import check_file
 from cloth_envs.policies import open_loop
 from cloth_envs.recording import RecordRollout, Rollout
 from cloth_envs.registry import EPISODE_FRAMES, env_id, load_task

@@ -40,6 +40,7 @@ def rows(comparison: Comparison) -> tuple[list[str], list[list[object]]]:
 
 
 def write_csv(comparison: Comparison, path: Path) -> None:
+    """The rows, to a file."""
     header, body = rows(comparison)
     with path.open("w", newline="") as file:
         writer = csv.writer(file)

@@ -9,6 +9,7 @@ import numpy as np
 
 from cloth_envs.naming import resolve, unknown_name
 from cloth_envs.registry import PRESETS, load_task
+from cloth_envs.scenes.task import Task
 
 # preset -> options of the reference backend with which the paper ran, where a user chooses no solver.
 SOLVER_OF: dict[str, dict[str, Any]] = {"lee2019": {"solver": "admm", "iterations": 10}}
@@ -20,7 +21,7 @@ def solver_of(preset: str | Mapping[str, Any] | None) -> dict[str, Any]:
     return SOLVER_OF.get(name, {}) if name else {}
 
 
-def load_preset(scene: str, preset: str | Mapping[str, Any]) -> Any:
+def load_preset(scene: str, preset: str | Mapping[str, Any]) -> type[Task]:
     """The Task class of ``scene`` in a preset: its name, or ``{"name": ..., option: number}``.
 
     Raises:
@@ -39,7 +40,7 @@ def load_preset(scene: str, preset: str | Mapping[str, Any]) -> Any:
         has = f"has {', '.join(map(repr, own))}" if own else "has none"
         of = ", ".join(PRESETS[name])
         raise ValueError(f"preset {name!r} exists for {of}, {scene} {has}: choose another preset or scene")
-    task = resolve(PRESETS[name][scene])
+    task: type[Task] = resolve(PRESETS[name][scene])
     for option, value in options.items():
         if not task.options:
             raise ValueError(f'preset {name!r} of {scene} has no options: write preset="{name}" without {option!r}')

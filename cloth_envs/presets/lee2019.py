@@ -36,8 +36,9 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Scene, Wind
 from cloth_envs.scenes.collision import FREE_STRAIN, GOAL_HIGH, GOAL_LOW, Collision
 from cloth_envs.scenes.curtain import ACCELERATION, APART, SPEED, TARGET, Curtain
+from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.flag import ASIDE, Flag
-from cloth_envs.scenes.task import Drive, Episode, Start, Task
+from cloth_envs.scenes.task import Episode, Start, Task
 from cloth_envs.state import Controls
 
 OPTIONS = {"mass": 1.5, "spring": 150.0}  # kg of the whole cloth, N/m of every spring

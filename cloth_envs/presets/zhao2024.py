@@ -17,9 +17,11 @@ from cloth_envs.particles import Particles
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.scenes import hanging
 from cloth_envs.scenes.ball_drop import MARGIN, RADIUS, BallDrop
+from cloth_envs.scenes.drives import Drive, draw_gust
 from cloth_envs.scenes.hanging import Hanging
+from cloth_envs.scenes.measures import tolerance
 from cloth_envs.scenes.pressure import Pressure
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, draw_gust, norm, tolerance
+from cloth_envs.scenes.task import Episode, Start, Task
 from cloth_envs.state import Controls
 
 VERTICES = 128  # along each side
@@ -221,4 +223,4 @@ class Ball2024(Zhao2024, BallDrop):
     def reward(self, episode: Episode) -> np.ndarray:
         away = self.middle(episode) - episode.state.colliders[:, 0, 0]
         held = np.minimum(np.maximum((away[:, 2] + RADIUS) / HELD, 0.0), 1.0)
-        return tolerance(norm(away[:, :2]), MARGIN) * held
+        return tolerance(away[:, :2], MARGIN) * held

@@ -12,8 +12,9 @@ from cloth_envs.grid import Grid
 from cloth_envs.material import PROPERTIES, Material
 from cloth_envs.particles import Particles
 from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.version import __version__
 
-LAYOUT_VERSION = 1
+LAYOUT_VERSION = 2
 SMALL_CHUNK = 64  # frames, or trajectories, of everything but the cloth
 UNITS = "SI: m, s, kg, Pa; z up"
 # State's field -> where its frames are kept; positions and velocities also change their order of axes.
@@ -26,12 +27,6 @@ PATHS = {
     "pressure": "scalars/pressure",
     "time": "dimensions/time",
 }
-
-
-def package_version() -> str:
-    from cloth_envs import __version__
-
-    return __version__
 
 
 def scene_to_json(scene: Scene) -> str:
@@ -50,8 +45,8 @@ def scene_from_json(text: str, handles: tuple[int, ...]) -> Scene:
     return Scene(**parts, handles=handles)
 
 
-def lay_out(file: h5py.File, scene: Scene, *, chunk: int, actions: int, env_spec: str) -> None:
-    """Create everything in an empty file, with no trajectories yet; ``chunk`` is in frames.
+def lay_out(file: h5py.File, scene: Scene, *, dtype: np.dtype, chunk: int, actions: int, env_spec: str) -> None:
+    """Create everything in an empty file, with no trajectories yet; ``dtype`` is the cloth's, ``chunk`` is in frames.
 
     Nothing can be added later, in HDF5's single-writer mode.
     """
@@ -60,7 +55,7 @@ def lay_out(file: h5py.File, scene: Scene, *, chunk: int, actions: int, env_spec
         layout_version=LAYOUT_VERSION,
         scene=scene_to_json(scene),
         env_spec=env_spec,
-        package_version=package_version(),
+        package_version=__version__,
         units=UNITS,
         dataset_name=f"minicloth_{scene.name}",
         grid_type="cartesian",
@@ -75,10 +70,14 @@ def lay_out(file: h5py.File, scene: Scene, *, chunk: int, actions: int, env_spec
     for path, shape in shapes.items():
         if 0 in shape:
             continue
-        dtype = np.float64 if path == "dimensions/time" else np.float32
         frames = chunk if shape == cloth else SMALL_CHUNK
         dataset = file.create_dataset(
-            path, (0, 0, *shape), dtype, maxshape=(None, None, *shape), chunks=(1, frames, *shape), fillvalue=np.nan
+            path,
+            (0, 0, *shape),
+            dtype if shape in (cloth, body) else np.float64,
+            maxshape=(None, None, *shape),
+            chunks=(1, frames, *shape),
+            fillvalue=np.nan,
         )
         dataset.attrs.update(sample_varying=True, time_varying=True)
         if shape == cloth:

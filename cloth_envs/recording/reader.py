@@ -11,8 +11,9 @@ import h5py
 import numpy as np
 
 from cloth_envs.material import PROPERTIES, Material
-from cloth_envs.recording.layout import LAYOUT_VERSION, PATHS, package_version, scene_from_json
+from cloth_envs.recording.layout import LAYOUT_VERSION, PATHS, scene_from_json
 from cloth_envs.state import State
+from cloth_envs.version import __version__
 
 
 def has_writer(path: Path) -> bool:
@@ -71,8 +72,8 @@ class Rollout:
                 raise ValueError(f"{path} is HDF5 but no MiniCloth rollout: give a file that RolloutWriter made")
             if version > LAYOUT_VERSION:
                 raise ValueError(
-                    f"{path} has layout version {version}, MiniCloth {package_version()} reads up to {LAYOUT_VERSION}: "
-                    "pip install --upgrade minicloth"
+                    f"{path} has layout version {version}, MiniCloth {__version__} reads up to {LAYOUT_VERSION}: "
+                    "read it with the version that wrote it, or a newer one"
                 )
             return cls(file)
         except (KeyError, TypeError, OSError) as error:
@@ -97,13 +98,13 @@ class Rollout:
     def actions(self, trajectory: int = 0) -> np.ndarray:
         """``(T, A)``; entry t led to frame t."""
         length = self.length(trajectory)
-        return (
-            self._file["actions"][trajectory, :length] if "actions" in self._file else np.zeros((length, 0), np.float32)
-        )
+        if "actions" not in self._file:
+            return np.zeros((length, 0))
+        return self._file["actions"][trajectory, :length].astype(np.float64)
 
     def rewards(self, trajectory: int = 0) -> np.ndarray:
         """``(T,)``."""
-        return self._file["scalars/reward"][trajectory, : self.length(trajectory)]
+        return self._file["scalars/reward"][trajectory, : self.length(trajectory)].astype(np.float64)
 
     def material(self, trajectory: int = 0) -> Material:
         """The material of one trajectory."""
@@ -119,7 +120,7 @@ class Rollout:
         length = self.length(trajectory)
         if not 0 <= frame < length:
             raise ValueError(f"there is no frame {frame}: trajectory {trajectory} holds {length}, numbered from 0")
-        bodies = np.zeros((1, 0, 2, 3), np.float32)
+        bodies = np.zeros((1, 0, 2, 3), self._file[PATHS["positions"]].dtype)
         parts = {
             name: self._file[path][trajectory, frame : frame + 1] if path in self._file else bodies
             for name, path in PATHS.items()

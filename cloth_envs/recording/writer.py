@@ -10,6 +10,7 @@ import gymnasium as gym
 import h5py
 import numpy as np
 
+from cloth_envs.files import cannot_write
 from cloth_envs.material import PROPERTIES, Material
 from cloth_envs.recording.layout import PATHS, lay_out
 from cloth_envs.scene import Scene
@@ -58,33 +59,36 @@ class RolloutWriter:
         try:
             self._file = h5py.File(self.path, "w", libver="latest")
         except OSError as error:
-            folder = self.path.absolute().parent
-            advice = "choose a path that you may write" if folder.is_dir() else f"create the folder {folder} first"
-            raise OSError(f"can't write {self.path} ({error.strerror or error}): {advice}") from error
-        height, width = self.scene.grid.shape
-        self.chunk = int(np.clip(CHUNK_BYTES // (12 * height * width), 1, MOST_FRAMES))
-        lay_out(self._file, self.scene, chunk=self.chunk, actions=actions, env_spec=spec)
-        self._frames = {p: self._file[p] for p in (*PATHS.values(), "actions", "scalars/reward") if p in self._file}
-        self._lengths, self._seeds = self._file["frames"], self._file["seeds"]
-        self._materials = {name: self._file[f"scalars/{name}"] for name in PROPERTIES}
+            raise cannot_write(self.path, error) from error
+        self._actions, self._spec = actions, spec
+        self._frames: dict[str, h5py.Dataset] = {}
         self._rows: dict[str, list[np.ndarray]] = {}
+        self._next: tuple[int, Material] | None = None  # seed and material of a trajectory without frames so far
         self._trajectory, self._written = -1, 0
-        self._file.swmr_mode = True
 
     def begin(self, seed: int | None = None, material: Material | None = None) -> None:
-        """Start the next trajectory, of ``material`` (default: the scene's)."""
+        """Start the next trajectory, of ``material`` (default: the scene's), with the next frame."""
         self._write()
+        self._next = (-1 if seed is None else seed, material or self.scene.material)
+
+    def _lay_out(self, dtype: np.dtype) -> None:
+        """Make the datasets of a cloth of ``dtype``; from here on a reader may look in."""
+        vertex = 3 * dtype.itemsize
+        self._chunk = int(np.clip(CHUNK_BYTES // (vertex * self.scene.grid.vertices), 1, MOST_FRAMES))
+        lay_out(self._file, self.scene, dtype=dtype, chunk=self._chunk, actions=self._actions, env_spec=self._spec)
+        self._frames = {p: self._file[p] for p in (*PATHS.values(), "actions", "scalars/reward") if p in self._file}
+        self._file.swmr_mode = True
+
+    def _add_trajectory(self, seed: int, material: Material) -> None:
         self._trajectory += 1
         self._written = 0
         count = self._trajectory + 1
-        for dataset in (*self._materials.values(), self._seeds, self._lengths):
-            dataset.resize((count,))
+        values = {f"scalars/{name}": getattr(material, name) for name in PROPERTIES} | {"seeds": seed, "frames": 0}
+        for path, value in values.items():
+            self._file[path].resize((count,))
+            self._file[path][-1] = value
         for dataset in self._frames.values():
             dataset.resize((count, *dataset.shape[1:]))
-        for name, dataset in self._materials.items():
-            dataset[-1] = getattr(material or self.scene.material, name)
-        self._seeds[-1] = -1 if seed is None else seed
-        self._lengths[-1] = 0
         self._file.attrs.modify("n_trajectories", count)
         self._file.flush()
 
@@ -93,10 +97,12 @@ class RolloutWriter:
 
         Raises:
             RuntimeError: ``begin()`` has not been called.
-            ValueError: a state of another size, or an action of the wrong length; nothing is added.
+            ValueError: a state of another size or finer dtype, or an action of the wrong length; nothing is added.
         """
-        if self._trajectory < 0:
+        if self._trajectory < 0 and self._next is None:
             raise RuntimeError("call begin(seed) before the first append(state)")
+        if not self._frames:
+            self._lay_out(state.positions.dtype)
         parts = {PATHS[name]: value for name, value in state.arrays().items()}
         for path in ("t1_fields/positions", "t1_fields/velocities"):
             parts[path] = parts[path].transpose(0, 2, 3, 1)
@@ -111,9 +117,17 @@ class RolloutWriter:
                 raise ValueError(
                     f"{path} of a frame has shape {row.shape}, this file needs {expected}: one cloth of its scene"
                 )
+            if not np.can_cast(row.dtype, self._frames[path].dtype):
+                raise ValueError(
+                    f"{path} of a frame is {row.dtype}, this file holds {self._frames[path].dtype} since its first "
+                    "frame: record each dtype to a file of its own"
+                )
+        if self._next is not None:
+            self._add_trajectory(*self._next)
+            self._next = None
         for path, row in rows.items():
             self._rows.setdefault(path, []).append(np.array(row[0]))
-        if len(self._rows["scalars/reward"]) >= self.chunk:
+        if len(self._rows["scalars/reward"]) >= self._chunk:
             self._write()
 
     def _write(self) -> None:
@@ -125,13 +139,15 @@ class RolloutWriter:
             dataset.resize((dataset.shape[0], max(dataset.shape[1], end), *dataset.shape[2:]))
             dataset[self._trajectory, begin:end] = np.stack(self._rows[path])
         self._file.flush()
-        self._lengths[self._trajectory] = end
+        self._file["frames"][self._trajectory] = end
         self._file.flush()
         self._rows, self._written = {}, end
 
     def close(self) -> None:
         """Write the last frames and close the file; calling it again does nothing."""
         if self._file:
+            if not self._frames:
+                self._lay_out(np.dtype(np.float32))
             self._write()
             self._file.close()
 

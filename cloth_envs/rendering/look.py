@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from cloth_envs.style import INK
+
 SKY, FLOOR = "#bccbd9", "#eceff1"
 CLOTH_FRONT, CLOTH_BACK = "#e0553c", "#f3d3b3"
-WOOD, BRASS, STEEL, BODY, ARROW, TEXT = "#a67c5b", "#d0a548", "#6d7883", "#5d7f9f", "#2b7a9b", "#2b3640"
+WOOD, BRASS, STEEL, BODY, ARROW = "#a67c5b", "#d0a548", "#6d7883", "#5d7f9f", "#2b7a9b"
 CLOTH = {"ambient": 0.30, "diffuse": 0.92, "specular": 0.08, "specular_power": 8}  # a wide, weak sheen
 SOLID = {"ambient": 0.34, "diffuse": 0.85, "specular": 0.25, "specular_power": 25}
 STRAIN_MAP = "coolwarm"  # Moreland's diverging map: perceptually even, safe for colour blindness
@@ -61,7 +63,7 @@ def add_scalar_bar(plotter: Any, mapper: Any, width: float) -> None:
         vertical=True,
         n_labels=3,
         fmt="%.3g",
-        color=TEXT,
+        color=INK,
         unconstrained_font_size=True,
         title_font_size=12,
         label_font_size=12,

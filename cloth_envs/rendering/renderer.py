@@ -10,16 +10,15 @@ from typing import Any
 
 import numpy as np
 
+from cloth_envs.extras import install
 from cloth_envs.rendering import framing, look
 from cloth_envs.rendering.framing import Camera
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
+from cloth_envs.style import INK
 
 CAPTION_HEIGHT = 34  # pixels kept free for a caption
-INSTALL = (
-    'pip install "minicloth[render]", and on a bare Linux also '
-    "apt-get install libegl1 libgl1 libgl1-mesa-dri libxrender1"
-)
+LIBRARIES = "apt-get install libegl1 libgl1 libgl1-mesa-dri libxrender1"  # what a bare Linux lacks
 
 
 def import_pyvista() -> Any:
@@ -33,7 +32,9 @@ def import_pyvista() -> Any:
     try:
         import pyvista
     except ImportError as error:
-        raise ImportError(f"rendering needs PyVista ({error}): {INSTALL}") from error
+        raise ImportError(
+            f"rendering needs PyVista ({error}): {install('render')}, and on a bare Linux also {LIBRARIES}"
+        ) from error
     return pyvista
 
 
@@ -44,7 +45,7 @@ def check_window(class_name: str) -> None:
         ImportError: neither EGL nor OSMesa; says what to install.
     """
     if class_name == "vtkOSOpenGLRenderWindow" and find_library("OSMesa") is None:
-        raise ImportError(f"rendering found no working EGL library: {INSTALL}")
+        raise ImportError(f"rendering found no working EGL library: {LIBRARIES}")
 
 
 class Renderer:
@@ -129,12 +130,11 @@ class Renderer:
 
     def _distances(self) -> np.ndarray:
         # Plotter.get_image_depth converts in float32, where the empty background can't be told from far things.
-        from vtkmodules.util.numpy_support import vtk_to_numpy
         from vtkmodules.vtkCommonCore import vtkFloatArray
 
-        buffer = vtkFloatArray()
+        buffer: Any = vtkFloatArray()  # an array to NumPy, unknown to its stubs
         self._plotter.render_window.GetZbufferData(0, 0, self.width - 1, self.height - 1, buffer)
-        z = vtk_to_numpy(buffer).astype(float).reshape(self.height, self.width)[::-1]
+        z = np.frombuffer(buffer, np.float32).astype(float).reshape(self.height, self.width)[::-1]
         near, far = self._plotter.camera.clipping_range
         return np.where(z < 1, near * far / (far - z * (far - near)), np.inf).astype(np.float32)
 
@@ -185,7 +185,7 @@ class Renderer:
             plotter.subplot(0, index)
             views.append(View(pv, plotter, scene, state, member, box, camera, follow=follow, strain_range=strain))
             if self.captions:
-                plotter.add_text(self.captions[index], position="lower_edge", font_size=9, color=look.TEXT)
+                plotter.add_text(self.captions[index], position="lower_edge", font_size=9, color=INK)
             look.smooth_edges(plotter.renderer)
         if self.strain_range is not None:
             look.add_scalar_bar(plotter, views[-1].sheet.actor.mapper, self.width / self.views)

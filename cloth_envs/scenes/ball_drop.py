@@ -7,7 +7,9 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Collider, Scene
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, columns, norm, tolerance
+from cloth_envs.scenes.drives import Drive
+from cloth_envs.scenes.measures import columns, tolerance
+from cloth_envs.scenes.task import Episode, Start, Task
 from cloth_envs.state import Controls
 
 RADIUS = 0.3  # m
@@ -113,4 +115,4 @@ class BallDrop(Task):
         middle = self.middle(episode)
         away = middle[:, :2] - episode.state.colliders[:, 0, 0, :2]
         held = np.minimum(np.maximum(middle[:, 2] / HELD, 0.0), 1.0)
-        return tolerance(norm(away), MARGIN) * held
+        return tolerance(away, MARGIN) * held

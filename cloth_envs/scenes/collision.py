@@ -9,7 +9,10 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Collider, Scene
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, bow, columns, grip, largest_stretch, norm, tolerance
+from cloth_envs.scenes.drives import Drive
+from cloth_envs.scenes.measures import columns, largest_stretch, tolerance
+from cloth_envs.scenes.starts import bow, grip
+from cloth_envs.scenes.task import Episode, Start, Task
 from cloth_envs.state import Controls
 
 RADIUS = 0.2  # m
@@ -78,7 +81,7 @@ class Collision(Task):
         self.across = (cols * scene.grid.col_spacing - 0.5 * scene.grid.width)[1:].ravel()
         columns = self.lattice[1]
         self.above, self.shaped = self.keypoints[:-columns].copy(), self.keypoints[columns:].copy()
-        self.per_point = len(self.shaped) ** -0.5
+        self.shape_margin = SHAPE_MARGIN * len(self.shaped) ** 0.5  # of the length of all errors, not of their rms
         rows_apart = np.maximum(np.diff(rows, axis=0), 1)  # a coarse grid has less rows than the lattice
         self.apart = rows_apart.ravel() * scene.grid.row_spacing
         self.free_strain = FREE_STRAIN
@@ -132,4 +135,4 @@ class Collision(Task):
         error = episode.cloth[:, 1].take(self.shaped, 1) - episode.memory["shape"]
         stretch = largest_stretch(episode.state.positions, self.above, self.shaped, self.apart)
         over = np.maximum(stretch - 1.0 - self.free_strain, 0.0)
-        return tolerance(norm(error) * self.per_point, SHAPE_MARGIN) * tolerance(over, STRAIN_MARGIN)
+        return tolerance(error, self.shape_margin) * tolerance(over, STRAIN_MARGIN)

@@ -7,7 +7,9 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene, Wind
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, columns, draw_gust, gusty_wind, loop_area
+from cloth_envs.scenes.drives import Drive, draw_gust, gusty_wind
+from cloth_envs.scenes.measures import columns, loop_area
+from cloth_envs.scenes.task import Episode, Start, Task
 from cloth_envs.state import Controls
 
 POLE_SPEED, ACCELERATION = 2.5, 25.0  # m/s at full action, m/s^2
@@ -102,9 +104,7 @@ class Flag(Task):
     def wind(self, episode: Episode) -> np.ndarray:
         """The wind now, ``(B, 3)`` [m/s]."""
         memory = episode.memory
-        return gusty_wind(
-            memory["gusts"], episode.state.time, memory["speed"], memory["heading"], swell=GUST, turn=BACKING
-        )
+        return gusty_wind(memory["gusts"], episode.state.time, memory["speed"], memory["heading"], GUST, BACKING)
 
     def controls(self, episode: Episode) -> Controls:
         state = episode.state

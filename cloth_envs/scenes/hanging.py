@@ -7,7 +7,10 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene
-from cloth_envs.scenes.task import Drive, Episode, Start, Task, columns, draw_gust, grip, gust, norm, tolerance
+from cloth_envs.scenes.drives import Drive, draw_gust, gust
+from cloth_envs.scenes.measures import columns, tolerance
+from cloth_envs.scenes.starts import grip
+from cloth_envs.scenes.task import Episode, Start, Task
 from cloth_envs.state import Controls
 
 SPEED, ACCELERATION = 1.0, 10.0  # m/s of the corner at full action, m/s^2
@@ -108,8 +111,8 @@ class Hanging(Task):
         return columns(corner, velocity, *middle, episode.memory["goal"], state.pressure)
 
     def reward(self, episode: Episode) -> np.ndarray:
-        distance = norm(self.middle(episode) - episode.memory["goal"])
-        return tolerance(distance, PLACE_MARGIN) * tolerance(self.speed(episode), CALM_MARGIN, 0.25)
+        off = self.middle(episode) - episode.memory["goal"]
+        return tolerance(off, PLACE_MARGIN) * tolerance(self.speed(episode), CALM_MARGIN, 0.25)
 
 
 def _turn(angle: float, first: int, second: int) -> np.ndarray:

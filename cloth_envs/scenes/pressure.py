@@ -7,7 +7,9 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene
-from cloth_envs.scenes.task import Episode, Start, Task, columns, draw_gust, gust, tolerance
+from cloth_envs.scenes.drives import draw_gust, gust
+from cloth_envs.scenes.measures import columns, tolerance
+from cloth_envs.scenes.task import Episode, Start, Task
 from cloth_envs.state import Controls
 
 FULL_PRESSURE = 40.0  # Pa

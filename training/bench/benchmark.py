@@ -176,7 +176,7 @@ def saved(benchmark: Benchmark, folder: Path) -> dict[str, list[Any]]:
 def setup(about: Mapping[str, Any]) -> str:
     """Where and how rows were measured, for the top of a table and the foot of a chart."""
     quick = ", QUICK: a trial run, not for citing" if about["quick"] else ""
-    return f"{about['processor']}, {about['threads'] if 'threads' in about else 1} thread(s){quick}"
+    return f"{about['processor']}, {about.get('threads', 1)} thread(s){quick}"
 
 
 def revision() -> str:

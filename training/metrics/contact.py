@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from cloth_envs.extras import install
 from cloth_envs.grid import Grid
 from cloth_envs.physics.laws.bodies import axis_parameter, dot, on_axis
 from cloth_envs.physics.laws.diagnostics import Penetration, penetration
@@ -59,7 +60,7 @@ def crossing_triangles(grid: Grid, positions: np.ndarray) -> np.ndarray:
     try:
         import ipctk
     except ImportError as error:
-        raise ImportError(f'crossing triangles need ipctk ({error}): pip install "minicloth[metrics]"') from error
+        raise ImportError(f"crossing triangles need ipctk ({error}): {install('metrics')}") from error
     faces = grid.triangles
     edges = ipctk.edges(faces)
     owners: dict[int, list[int]] = {}

@@ -5,9 +5,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from cholespy import CholeskySolverD, MatrixType
 from scipy import sparse
 
+from cloth_envs.extras import install
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.physics.laws.stencil import edges, triples
@@ -42,9 +42,16 @@ class Prefactored:
 
     Held rows and columns are replaced by the identity; what they did to the others is kept apart and
     moved to the right-hand side.
+
+    Raises:
+        ImportError: cholespy is missing; says what to install.
     """
 
     def __init__(self, matrix: sparse.csr_array, held: tuple[int, ...]) -> None:
+        try:
+            from cholespy import CholeskySolverD, MatrixType
+        except ImportError as error:
+            raise ImportError(f"solver='implicit' needs cholespy ({error}): {install('implicit')}") from error
         n = matrix.shape[0]
         self.held = np.array(held, np.int32)
         free = np.ones(n)

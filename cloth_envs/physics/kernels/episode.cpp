@@ -59,13 +59,26 @@ Array root_mean_square(Cloth<T> x, Vertices vertices, std::size_t first, std::si
   return out;
 }
 
-// A Gaussian of the error that is 0.1 at the margin, squeezed to what lies above `least`.
+// A Gaussian of a squared error over the squared margin, 0.1 where it is 1, squeezed to what lies above `least`.
+double gaussian(double square, double least) { return least + (1 - least) * std::exp(std::log(0.1) * square); }
+
 template <class T>
 Array tolerance(Strided<T, 1> error, double margin, double least) {
   Array out = fresh({error.shape(0)});
   for (std::size_t b = 0; b < error.shape(0); ++b) {
     const double e = double(error(b)) / margin;
-    out.data()[b] = least + (1 - least) * std::exp(std::log(0.1) * e * e);
+    out.data()[b] = gaussian(e * e, least);
+  }
+  return out;
+}
+// The same of the lengths of errors (B, n).
+template <class T>
+Array tolerance_of_length(Pairs<T> error, double margin, double least) {
+  Array out = fresh({error.shape(0)});
+  for (std::size_t b = 0; b < error.shape(0); ++b) {
+    double sum = 0;
+    for (std::size_t k = 0; k < error.shape(1); ++k) sum += double(error(b, k)) * double(error(b, k));
+    out.data()[b] = gaussian(sum / (margin * margin), least);
   }
   return out;
 }
@@ -104,32 +117,6 @@ Array gusty_wind(Tones tones, Numbers time, Numbers speed, Numbers heading, doub
     const double strength = speed(b) * (1 + swell * blow(tones, b, 0, time(b)));
     const double angle = heading(b) + turn * blow(tones, b, 1, time(b));
     out.data()[3 * b] = strength * std::cos(angle), out.data()[3 * b + 1] = strength * std::sin(angle);
-  }
-  return out;
-}
-
-// The lengths of vectors (B, n).
-Array norm(Pairs<double> vectors) {
-  Array out = fresh({vectors.shape(0)});
-  for (std::size_t b = 0; b < vectors.shape(0); ++b) {
-    double sum = 0;
-    for (std::size_t k = 0; k < vectors.shape(1); ++k) sum += vectors(b, k) * vectors(b, k);
-    out.data()[b] = std::sqrt(sum);
-  }
-  return out;
-}
-
-// The mean of x[second] - x[first] over pairs of vertices, (B, 3).
-template <class T>
-Array mean_span(Cloth<T> x, Vertices first, Vertices second) {
-  const std::size_t batch = x.shape(0), n = x.shape(2) * x.shape(3), count = first.shape(0);
-  if (second.shape(0) != count) throw nb::value_error("first and second must be as many");
-  Array out = fresh({batch, 3});
-  for (std::size_t row = 0; row < 3 * batch; ++row) {
-    const T* axis = x.data() + row * n;
-    double sum = 0;
-    for (std::size_t i = 0; i < count; ++i) sum += double(axis[second.data()[i]]) - axis[first.data()[i]];
-    out.data()[row] = sum / double(count);
   }
   return out;
 }
@@ -265,7 +252,6 @@ Fresh<float> columns(nb::args parts) {
 template <class T>
 void bind(nb::module_& m) {
   m.def("hold", &hold<T>, "The arrays of Controls that bring every handle and body to rest where it is.");
-  m.def("mean_span", &mean_span<T>, "The mean of x[second] - x[first] over pairs of vertices, (B, 3).");
   m.def("loop_area", &loop_area<T>, "The area vector of a closed line through some vertices, (B, 3) [m^2].");
   m.def("largest_stretch", &largest_stretch<T>, "The largest length over rest length of some pairs of vertices, (B,).");
   m.def("mean_point", &mean_point<T>, "The mean of some vertices of (B, 3, H, W), (B, 3), float64.");
@@ -273,6 +259,8 @@ void bind(nb::module_& m) {
         nb::arg("last") = 3, "Root mean square over some vertices of some components of (B, 3, H, W), (B,), float64.");
   m.def("tolerance", &tolerance<T>, nb::arg("error"), nb::arg("margin"), nb::arg("least") = 0.0,
         "least + (1 - least) times a Gaussian of an error (B,), 1 at 0 and 0.1 at the margin; float64.");
+  m.def("tolerance", &tolerance_of_length<T>, nb::arg("error"), nb::arg("margin"), nb::arg("least") = 0.0,
+        "The same of the lengths of errors (B, n).");
   m.def("drive", &drive<T>, "How far a driven thing moves in a frame, and its velocity at the end, (B, n) each.");
 }
 
@@ -285,7 +273,6 @@ void bind_episode(nb::module_& m) {
   m.def("clip_actions", &clip_actions, "Actions (B, A) clipped to [-1, 1]; None if one is not finite.");
   m.def("gusty_wind", &gusty_wind, "A level wind (B, 3) whose two gusts change its strength and heading.");
   m.def("carry", &carry, "Moves handles in place by shares of how far and how fast something is driven.");
-  m.def("norm", &norm, "The lengths of vectors (B, n).");
   m.def("gust", &gust, "Smooth signals in [-1, 1], (B, J), from tones (B, 2, S, N) at times (B, K).");
 }
 

@@ -28,6 +28,7 @@ from training.bench.papers import cell as cnn
 from training.bench.papers import published, published_chart, published_pictures
 from training.bench.throughput.run import write_rows
 from training.recipes.upscaler import work_folder
+from training.rows import Store
 
 TEACHER = {"solver": "admm", "iterations": 10}
 SCENES = ("Curtain", "Flag", "Collision")
@@ -156,8 +157,8 @@ def main(argv: list[str] | None = None) -> int:
 def networks(options: argparse.Namespace) -> None:
     """The part with networks: rows, tables for people, charts."""
     out = options.out
-    store = published.Store(out and out / "published.csv", published.Row, published.KEY)
-    points = published.Store(out and out / "published_frames.csv", published.Point, published.POINT_KEY)
+    store = Store(out and out / "published.csv", published.Row, published.KEY)
+    points = Store(out and out / "published_frames.csv", published.Point, published.POINT_KEY)
     extra = work_folder() / "weights"
     frames, count = (10, 0) if options.quick else (100, published.HELD_OUT)
     published.measure(store, points, frames=frames, count=count, extra=extra if extra.is_dir() else None)

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from cloth_envs.extras import install
 from cloth_envs.machine import header
 from cloth_envs.physics.solver import SOLVERS
 from cloth_envs.registry import make_backend
@@ -90,7 +91,7 @@ def make(engine: str, setup: Setup, options: Options) -> Engine:
 def missing(engine: str) -> str:
     """Why ``engine`` can't take part, or nothing."""
     if engine != OWN and find_spec(engine.lower()) is None:
-        return f'{engine} is not installed: pip install "minicloth[peers]"'
+        return f"{engine} is not installed: {install('peers')}"
     return ""
 
 

@@ -12,10 +12,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from cloth_envs import __version__
-from cloth_envs.commands.cli import BENCHMARKS
-from cloth_envs.commands.outputs import check_file
+from cloth_envs.extras import install
+from cloth_envs.files import check_file
 from cloth_envs.registry import SCENES
+from cloth_envs.version import __version__
+from training.bench.benchmark import BENCHMARKS
 from training.bench.report import page
 from training.bench.report.tables import learned, scenes, survived
 from training.bench.speed_accuracy.chart import OVERVIEW_FRAMES as FRAMES
@@ -150,7 +151,7 @@ def section(name: str, data: Path, images: Path) -> tuple[str, list[str]]:
             rows = [read_rows(data / f"{stem}.csv", _named(kind)) for stem, kind in part.rows.items()]
             shown = part.show(*rows) if callable(part.show) else _text(_named(part.show)(*rows))
         except ImportError as error:
-            missing.append(f'{name}, {part.title}: {error}; pip install "minicloth[all]", then this command again')
+            missing.append(f"{name}, {part.title}: {error}; {install('all')}, then this command again")
             continue
         if part.header != header:
             header = part.header

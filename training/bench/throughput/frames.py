@@ -58,7 +58,7 @@ def measure(scene: str, steps: int) -> Frame:
     env = gym.make(cloth_envs.env_id(scene)).unwrapped
     env.reset(seed=0)
     env.action_space.seed(0)
-    backend = env._world.backend  # type: ignore[attr-defined]
+    backend = env.world.backend  # type: ignore[attr-defined]
     timed = backend.step = Timed(backend.step)
     totals, solver = [], []
     for _ in range(steps):
@@ -75,9 +75,10 @@ def measure(scene: str, steps: int) -> Frame:
         repeated.append(perf_counter() - start - timed.times[-1])
     warm: list[float] = []
     cold: list[float] = []
-    for times, before in ((warm, lambda: None), (cold, lambda: timed.step(*timed.given))):
+    for times in (warm, cold):
         for _ in range(steps):
-            before()
+            if times is cold:
+                timed.step(*timed.given)
             start = perf_counter()
             plain()
             times.append(perf_counter() - start)

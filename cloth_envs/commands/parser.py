@@ -1,0 +1,108 @@
+"""All commands of ``minicloth`` and their options."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from cloth_envs.version import __version__
+
+
+def _count(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"must be at least 1, got {value}")
+    return value
+
+
+def _seed(text: str) -> int:
+    value = int(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"must not be negative, got {value}")
+    return value
+
+
+def _episode(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("scene", metavar="SCENE", help="a scene's name, see `minicloth list`")
+    sub.add_argument("--seed", type=_seed, default=0, help="of the start and the actions (default 0)")
+    sub.add_argument("--policy", default="smooth", help="zero, random, smooth (default) or bang-bang")
+    sub.add_argument("--material", help="a fabric's name, or JSON such as '{\"areal_density\": 0.3}'")
+
+
+def _pictures(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--video", metavar="OUT.mp4", help="H.264 video at the simulated speed")
+    sub.add_argument("--images", metavar="DIR", help="one PNG a frame")
+    sub.add_argument("--strain", action="store_true", help="colour the cloth by its strain")
+
+
+def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> argparse.ArgumentParser:
+    """All commands and their options; ``runs`` has what each command does."""
+    top = argparse.ArgumentParser("minicloth", description="Cloth scenes: list, simulate, draw, compare, measure.")
+    top.add_argument("--version", action="version", version=f"minicloth {__version__}")
+    commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    def command(name: str, about: str) -> argparse.ArgumentParser:
+        sub = commands.add_parser(name, help=about, description=about)
+        sub.set_defaults(run=runs[name])
+        return sub
+
+    sub = command("list", "List scenes, presets, backends, fabrics and policies; or describe one scene.")
+    sub.add_argument("--scene", metavar="SCENE", help="describe this scene and its task")
+
+    sub = command("rollout", "Simulate one episode; draw it, record it.")
+    _episode(sub)
+    sub.add_argument("--frames", type=_count, help="default: the scene's episode")
+    sub.add_argument(
+        "--backend",
+        metavar="NAME[=JSON]",
+        default="reference",
+        help="which physics, such as 'miniature={\"factor\": 4}' or my_package.physics:MyBackend (default reference)",
+    )
+    sub.add_argument("--resolution", metavar="ROWSxCOLS", help="of the grid, at equal size and material")
+    sub.add_argument("--preset", help='a paper\'s set-up by name, or JSON: \'{"name": "lee2019", "mass": 3}\'')
+    _pictures(sub)
+    sub.add_argument("--hdf5", metavar="OUT.h5", help="record the rollout")
+    sub.add_argument("--overwrite", action="store_true", help="replace an existing HDF5 file")
+
+    sub = command("render", "Draw a recorded rollout.")
+    sub.add_argument("file", metavar="FILE", help="a rollout in HDF5")
+    sub.add_argument("--trajectory", type=int, default=0, help="which one (default 0)")
+    _pictures(sub)
+
+    sub = command("compare", "One scene with several backends or resolutions: video, table, chart.")
+    _episode(sub)
+    sub.add_argument("--frames", type=_count, default=120, help="length of the run (default 120)")
+    sub.add_argument(
+        "--backend",
+        metavar="NAME[@RxC][=JSON]",
+        action="append",
+        default=[],
+        help="at every resolution, or at its own; may repeat (none: four usual ones)",
+    )
+    sub.add_argument("--resolutions", metavar="RxC,RxC", default="", help="default: the scene's own")
+    sub.add_argument(
+        "--horizon", type=_count, default=10, help="of the chart's error [frames]: 1, 5, 10 (default) or 25"
+    )
+    sub.add_argument("--out", metavar="DIR", help="default ./compare_<scene>; files in it are replaced")
+    sub.add_argument("--no-video", action="store_true", help="table and chart only")
+
+    sub = command("bench", "Run a benchmark; an unknown NAME lists them.")
+    sub.add_argument("benchmark", metavar="NAME")
+    sub.add_argument("options", nargs=argparse.REMAINDER, help="its own options, see `minicloth bench NAME --help`")
+
+    sub = command("report", "One self-contained HTML page of what benchmarks wrote with --out.")
+    sub.add_argument("--data", type=Path, metavar="DIR", help="folder of their rows (default docs/data)")
+    sub.add_argument(
+        "--images", type=Path, metavar="DIR", help="of their charts (default --data, or docs/images for docs/data)"
+    )
+    sub.add_argument("--out", type=Path, metavar="OUT.html", required=True, help="the page")
+
+    sub = command("generate", "Simulate trajectories to learn from; goes on where it was stopped.")
+    sub.add_argument("scene", metavar="SCENE", help="a scene that has the preset")
+    sub.add_argument("options", nargs=argparse.REMAINDER, help="more, see `minicloth generate SCENE --help`")
+
+    sub = command("train", "Train a network; an unknown NAME lists them. Goes on where it was stopped.")
+    sub.add_argument("training", metavar="NAME")
+    sub.add_argument("options", nargs=argparse.REMAINDER, help="its own options, see `minicloth train NAME --help`")
+    return top

@@ -1,0 +1,119 @@
+"""What actions and gusts become: how handles and bodies move through a frame, and what blows.
+
+Positions depend on the bits of these numbers, so the NumPy sources agree with what runs to rounding only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cloth_envs.scenes.compiled import compiled
+
+GUST_TONES = 4
+
+
+@compiled  # 6 us
+def clip_actions(actions: np.ndarray, /) -> np.ndarray | None:
+    """Actions ``(B, A)`` clipped to [-1, 1], or None if one is not finite."""
+    return np.clip(actions, -1.0, 1.0) if np.isfinite(actions).all() else None
+
+
+@compiled  # 6 us
+def hold(positions: np.ndarray, handles: np.ndarray, colliders: np.ndarray, /) -> tuple[np.ndarray, ...]:
+    """The fields of ``Controls`` that bring every handle and body to rest where it is now, without wind or pressure."""
+    batch, bodies = len(positions), colliders.astype(np.float64)
+    at = positions.reshape(batch, 3, -1)[:, :, handles].transpose(0, 2, 1).astype(np.float64, order="C")
+    return at, np.zeros_like(at), bodies, np.zeros_like(bodies), np.zeros((batch, 3)), np.zeros(batch)
+
+
+@compiled  # 11 us
+def drive(
+    position: np.ndarray,
+    velocity: np.ndarray,
+    action: np.ndarray,
+    low: np.ndarray,
+    high: np.ndarray,
+    speed: np.ndarray,
+    change: float,
+    brake: float,
+    dt: float,
+    /,
+) -> tuple[np.ndarray, np.ndarray]:
+    """How far a driven thing moves in a frame, and its velocity at the end, ``(B, n)`` each; see ``Drive``."""
+    at, now = position.astype(np.float64), velocity.astype(np.float64)
+    slowest, fastest = np.minimum((low - at) / brake, 0.0), np.maximum((high - at) / brake, 0.0)
+    wanted = np.minimum(np.maximum(action * speed, slowest), fastest)
+    reached = np.minimum(np.maximum(wanted, now - change), now + change)
+    return 0.5 * dt * (now + reached), reached
+
+
+@compiled  # 7 us
+def carry(
+    handles: np.ndarray, velocities: np.ndarray, moved: np.ndarray, reached: np.ndarray, share: np.ndarray, /
+) -> None:
+    """Move handles ``(B, N, 3)`` in place by ``share`` ``(N, n)`` of how far and fast something moves, ``(B, n)``."""
+    n = share.shape[1]
+    handles[:, :, :n] += moved[:, None] * share
+    velocities[:, :, :n] += reached[:, None] * share
+
+
+class Drive:
+    """Moves something by an action: a wanted velocity, limited acceleration, a box it can't leave.
+
+    The velocity ramps linearly through a frame and changes by at most ``acceleration * dt``. The speed
+    towards a side of the box is at most the distance to it over ``BRAKE``, so it slows down in time.
+
+    Args:
+        low, high: the box [m], ``n`` numbers. speed: at full action [m/s], one or ``n`` numbers.
+        acceleration: [m/s^2]; at least ``speed / BRAKE``. dt: frame [s].
+    """
+
+    BRAKE = 0.1  # s
+
+    def __init__(
+        self,
+        low: Sequence[float],
+        high: Sequence[float],
+        *,
+        speed: float | Sequence[float],
+        acceleration: float,
+        dt: float,
+    ) -> None:
+        self.low, self.high = np.array(low, float), np.array(high, float)
+        self.speed = np.zeros(len(low)) + speed
+        self.change, self.dt = acceleration * dt, dt
+
+    def __call__(self, position: np.ndarray, velocity: np.ndarray, action: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far it moves in the frame [m] and its velocity at the end [m/s]; all arrays ``(B, n)``."""
+        return drive(position, velocity, action, self.low, self.high, self.speed, self.change, self.BRAKE, self.dt)
+
+
+def draw_gust(rng: np.random.Generator, signals: int = 1) -> np.ndarray:
+    """Frequencies [rad/s] and phases of independent signals, ``(2, signals, GUST_TONES)``."""
+    shape = (signals, GUST_TONES)
+    return np.stack([2 * np.pi * rng.uniform(0.15, 1.2, shape), rng.uniform(0, 2 * np.pi, shape)])
+
+
+@compiled  # 8 us a call
+def gust(tones: np.ndarray, time: np.ndarray, /) -> np.ndarray:
+    """Smooth signals in [-1, 1] at ``time`` ``(B, K)``, means of the sines ``tones`` ``(B, 2, S, N)``.
+
+    As many as the larger of ``S`` and ``K``, of which one may be 1.
+    """
+    return np.sin(tones[:, 0] * time[:, :, None] + tones[:, 1]).mean(2)
+
+
+@compiled  # 22 us
+def gusty_wind(
+    tones: np.ndarray, time: np.ndarray, speed: np.ndarray, heading: np.ndarray, swell: float, turn: float, /
+) -> np.ndarray:
+    """A level wind, ``(B, 3)`` [m/s]: one gust changes its ``speed`` by up to ``swell`` of it, one its ``heading``.
+
+    ``tones`` are two signals of ``draw_gust``; ``time``, ``speed`` [m/s] and ``heading`` [rad] are ``(B,)``, ``turn``
+    is in radians.
+    """
+    gusts = np.sin(tones[:, 0] * time[:, None, None] + tones[:, 1]).mean(2)
+    strength, angle = speed * (1.0 + swell * gusts[:, 0]), heading + turn * gusts[:, 1]
+    return np.stack([strength * np.cos(angle), strength * np.sin(angle), np.zeros_like(angle)], 1)

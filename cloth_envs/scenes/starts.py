@@ -1,0 +1,32 @@
+"""What scenes start from: patches that are held, and lines that are bowed at rest length."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cloth_envs.grid import Grid
+
+
+def grip(grid: Grid, row: int, col: int, size: float = 0.05) -> tuple[int, ...]:
+    """Vertices of a square patch, ``size`` [m] along each side, in a corner.
+
+    Held by one vertex, a cloth would overstretch the edges there, the more the finer the grid.
+    """
+    rows, cols = np.indices(grid.shape)
+    down, along = (rows - row % grid.rows) * grid.row_spacing, (cols - col % grid.cols) * grid.col_spacing
+    return tuple(np.flatnonzero(np.maximum(np.abs(down), np.abs(along)) <= size * (1 + 1e-9)).tolist())
+
+
+def bow(cells: int, ratio: float) -> np.ndarray:
+    """A bowed line of ``cells`` unit edges whose ends are ``ratio * cells`` apart, ``(2, cells + 1)``.
+
+    Along and across the straight line between the ends. The slope angle is a half cosine wave, so the
+    mean of its cosine is ``ratio`` (J0 of the largest angle, for many cells); every edge has length 1.
+    """
+    wave = np.cos(np.pi * (np.arange(cells) + 0.5) / cells)
+    steepest = np.linspace(0.0, 2.2, 221)
+    shortened = np.cos(steepest[:, None] * wave).mean(1)
+    slope = np.interp(-ratio, -shortened, steepest) * wave
+    path = np.zeros((2, cells + 1))
+    np.cumsum([np.cos(slope), np.sin(slope)], axis=1, out=path[:, 1:])
+    return path
