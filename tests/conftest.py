@@ -18,7 +18,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 @pytest.fixture
 def stopped(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], AbstractContextManager[object]]:
-    """``with stopped(n):`` a training in it is interrupted after ``n`` steps."""
+    """A context, entered by ``with`` and a number of steps: a training in it is interrupted after these."""
 
     @contextmanager
     def within(steps: int) -> Iterator[None]:

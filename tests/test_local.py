@@ -64,7 +64,7 @@ def test_a_turned_and_moved_cloth_is_upscaled_alike(kind: type[Local], factor: i
 
     here, there = (up.positions([State.still(a.astype(np.float32))]) for a in (x, moved(x)))
     # Rounding of coordinates below 4 m, amplified by the network at most by its layers' norms.
-    gain = 1 + np.prod([np.linalg.norm(w, 2) for w in up._weights])
+    gain = 1 + np.prod([np.linalg.norm(w, 2) for w in up.weights])
     np.testing.assert_allclose(there, moved(here.astype(np.float64)), atol=4 * EPS * 4 * gain)
     detail = here - Resampler(coarse_grid(scene.grid, factor), scene.grid)(x.astype(np.float32))
     assert np.abs(detail).max() > 100 * 4 * EPS * 4 * gain
@@ -79,7 +79,7 @@ def test_a_flat_sheet_stays_flat(scene: str, factor: int) -> None:
     flat = np.concatenate([x, 0 * x[:1]])[None].astype(np.float32)
     for kind in METHODS:
         up = upscaler(kind, fine, factor)
-        gain = 1 + np.prod([np.linalg.norm(w, 2) for w in up._weights])
+        gain = 1 + np.prod([np.linalg.norm(w, 2) for w in up.weights])
         gap = up.positions([State.still(flat)]) - Resampler(grid, fine.grid)(flat)
         assert np.abs(gap).max() < 8 * EPS * 2 * gain  # coordinates below 2 m
 

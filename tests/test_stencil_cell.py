@@ -17,8 +17,9 @@ from cloth_envs.physics.laws import particles as twin
 from cloth_envs.physics.particles.solver import NEIGHBOURS, Cell, mass_spring_cell
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import Controls, State
-from surrogates.cell import stencil as stencil_cell
-from surrogates.cell.stencil import BRANCHES, StencilCell, difference_kernels, step
+from surrogates.cell.bodies import Ball
+from surrogates.cell.stencil import BRANCHES, StencilCell, difference_kernels
+from surrogates.cell.step import Held, step
 from training.cell.data import Sums, accelerations, design, links
 from training.cell.solve import Loss, as_cell, branch_scales, least_squares, numbers_of, train
 from training.cell.train import adam
@@ -108,8 +109,8 @@ def test_a_step_of_everything_is_the_twins() -> None:
             mass=NET.node_mass,
             decay=np.exp(-NET.drag * NET.sim_dt),
             pressure=torch.from_numpy(controls.pressure),
-            balls=[stencil_cell.Ball(centre, torch.zeros_like(centre), 0.03, NET.keep)],
-            held=stencil_cell.Held(torch.tensor(scene.handles), place, rate),
+            balls=[Ball(centre, torch.zeros_like(centre), 0.03, NET.keep)],
+            held=Held(torch.tensor(scene.handles), place, rate),
         )
     for got, wanted in ((x.numpy(), want.positions), (v.numpy(), want.velocities)):
         # Forces' rounding of the test above, times h / m: under 1e-9 of velocities of up to a few hundred m/s.

@@ -139,6 +139,7 @@ def card(fitted: Windows, held_out: Windows, factor: int, scaling: str, factors:
 
 
 def main(argv: list[str] | None = None) -> int:
+    """Fit what the file lacks. Returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m training.calibrate", description=__doc__)
     parser.add_argument("--scaling", choices=list(HORIZONS), default="calibrated")
     parser.add_argument("--scenes", nargs="*", default=list(SCENES))

@@ -143,7 +143,7 @@ def fit(
         for group in optimiser.param_groups:
             group["lr"] = rate(step)
         optimiser.zero_grad()
-        loss(step).backward()
+        loss(step).backward()  # type: ignore[no-untyped-call]
         if clip is not None:
             torch.nn.utils.clip_grad_norm_(net.parameters(), clip)
         optimiser.step()

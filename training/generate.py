@@ -174,6 +174,7 @@ def data_folder(scene: str, preset: str) -> Path:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    """Write the trajectories. Returns the exit code."""
     parser = argparse.ArgumentParser(prog="minicloth generate", description=__doc__)
     parser.add_argument("scene", metavar="SCENE", help="Curtain, Flag or Collision")
     parser.add_argument("--preset", default="lee2019", help="a preset with mass and spring as options (lee2019)")

@@ -11,7 +11,7 @@ import numpy as np
 
 from cloth_envs.physics.particles.solver import Cell, mass_spring_cell, net_of
 from cloth_envs.state import State
-from surrogates.cell.backend import CellNet, dimensional
+from surrogates.cell.compiled import CellNet, dimensional
 from training.cell.data import STEPS, case, free_vertices
 from training.rollouts import replay
 

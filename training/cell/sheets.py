@@ -15,7 +15,7 @@ from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.laws.stencil import edges, triples
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from surrogates.cell.backend import CellSheet
+from surrogates.cell.compiled import CellSheet
 from surrogates.cell.numbers import CLASSES, SHARED, SHEET
 from training.metrics.errors import vertex_error
 from training.rollouts import replay

@@ -22,7 +22,8 @@ from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
 from cloth_envs.physics.particles.solver import NEIGHBOURS
 from cloth_envs.registry import SCENES
-from surrogates.cell.backend import PARTICLES, dimensionless
+from surrogates.cell.backend import PARTICLES
+from surrogates.cell.compiled import dimensionless
 from surrogates.cell.numbers import CLASSES, SHEET
 from surrogates.cell.stencil import StencilCell
 from surrogates.checkpoint import WEIGHTS, save
@@ -150,6 +151,7 @@ def sheets(names: Sequence[str], out: Path) -> None:
 
 
 def main(argv: list[str] | None = None) -> int:
+    """Train the cells. Returns the exit code."""
     parser = argparse.ArgumentParser(prog="minicloth train physics-cnn", description=__doc__)
     parser.add_argument("--epochs", type=int, default=Recipe.epochs, help="of the first stage (default %(default)s)")
     parser.add_argument(

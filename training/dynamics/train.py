@@ -202,6 +202,7 @@ def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: 
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    """Train the corrections. Returns the exit code."""
     parser = argparse.ArgumentParser(prog="minicloth train dynamics", description=__doc__)
     parser.add_argument("--scenes", nargs="*", default=list(SCENES))
     parser.add_argument("--factors", nargs="*", type=int, default=[2, 4], choices=[2, 3, 4])

@@ -47,6 +47,7 @@ def windows(scene: str, paths: Sequence[Path]) -> Windows:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    """Train the network. Returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m training.local.published", description=__doc__)
     parser.add_argument("scene", metavar="SCENE", help="Curtain, Flag or Collision, after `minicloth generate SCENE`")
     parser.add_argument("--out", type=Path, help="folder of the weights (default: in the user's cache)")

@@ -157,6 +157,7 @@ def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: 
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    """Train both upscalers. Returns the exit code."""
     parser = argparse.ArgumentParser(prog="minicloth train local", description=__doc__)
     parser.add_argument("--scenes", nargs="*", default=list(SCENES))
     parser.add_argument("--factors", nargs="*", type=int, default=list(FACTORS), choices=FACTORS)

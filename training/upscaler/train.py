@@ -157,6 +157,7 @@ def run(name: str, data: Path | None, out: Path, *, fresh: bool = False) -> dict
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    """Train the network. Returns the exit code."""
     parser = argparse.ArgumentParser(prog="minicloth train upscaler", description=__doc__)
     parser.add_argument("--recipe", required=True, help="one of " + ", ".join(RECIPES))
     parser.add_argument("--data", type=Path, help="folder of `minicloth generate` (default: in the user's cache)")

@@ -20,7 +20,8 @@ import numpy as np
 from cloth_envs.machine import header
 from cloth_envs.physics.laws.particles import cell_forces
 from cloth_envs.physics.particles.solver import NEIGHBOURS, ParticleSolver, net_of
-from surrogates.cell.backend import CellNet, TorchNet, dimensional
+from surrogates.cell.compiled import CellNet, dimensional
+from surrogates.cell.engine import TorchNet
 from surrogates.checkpoint import load
 from training.bench.throughput.run import write_rows
 from training.cell.data import CASES, STEPS, case
