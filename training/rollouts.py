@@ -1,4 +1,4 @@
-"""The one loop that runs cloth for data and for measurements: record, replay, stack, nudge, retime.
+"""The one loop that runs cloth for data and for measurements: record, play, replay, stack, nudge, retime.
 
 A task's controls follow from the state, so those of a run are recorded once and replayed for every other physics: all
 get the same handles, bodies, wind and pressure.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
-from time import perf_counter, process_time
+from time import perf_counter, process_time, thread_time
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -104,11 +104,34 @@ def record(
     return Recording(world.scene, states, controls, list(world.materials), failures)
 
 
+def play(
+    world: World, policy: Callable[[np.ndarray], np.ndarray], seeds: Sequence[int], frames: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean reward per frame of an episode of every member of ``world``, and which of them failed, both ``(B,)``.
+
+    Member i starts from ``seeds[i]``; ``policy`` turns observations of the batch into actions. A failed one earns
+    nothing from then on.
+    """
+    world.reset({i: np_random(seed)[0] for i, seed in enumerate(seeds)})
+    total, alive = np.zeros(len(seeds)), np.ones(len(seeds), bool)
+    for _ in range(frames):
+        rewards, reasons = world.step(policy(world.observe()))
+        alive &= [reason is None for reason in reasons]
+        total += rewards * alive
+    return total / frames, ~alive
+
+
 class Seconds(NamedTuple):
-    """Time that a frame took [s]: on the wall, and of the processor, whatever else ran on it meanwhile."""
+    """Time that a frame took [s].
+
+    ``wall`` is by the clock, ``step`` its part until ``advance`` returned (a lazy backend infers its cloth after it),
+    ``cpu`` of the processor, whatever else ran on it meanwhile, and ``thread`` of this thread alone.
+    """
 
     wall: float
+    step: float
     cpu: float
+    thread: float
 
 
 def replay(
@@ -118,10 +141,11 @@ def replay(
     if start is not None:
         backend.reset(start, materials)
     for control in controls:
-        wall, cpu = perf_counter(), process_time()
+        thread, cpu, wall = thread_time(), process_time(), perf_counter()
         state = backend.advance(control)
+        step = perf_counter() - wall
         state.positions, state.velocities  # noqa: B018  a lazy backend infers them now
-        yield state, Seconds(perf_counter() - wall, process_time() - cpu)
+        yield state, Seconds(perf_counter() - wall, step, process_time() - cpu, thread_time() - thread)
 
 
 def stack_states(states: Sequence[State]) -> State:

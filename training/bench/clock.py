@@ -1,26 +1,29 @@
-"""Cost of the speed-accuracy charts: wall clock per simulated frame, end to end."""
+"""Time of the engine's participants: wall clock per simulated frame, end to end, on a machine that others share."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from time import perf_counter, thread_time
-from typing import Any
+from itertools import chain, islice, repeat
 
 import numpy as np
 
+from cloth_envs.backend import Backend
 from cloth_envs.state import Controls, State
-from training.bench.participants import Job, Method
-from training.bench.windows import Windows, rounded
+from training.bench.measure import built
+from training.bench.participants import Participant
+from training.bench.windows import Windows
+from training.rollouts import replay
+from training.rows import rounded
 
-RUNS, SLOW_RUNS = 21, 7  # timed, after one that warms up; of a method that is SLOW
+RUNS, SLOW_RUNS = 21, 7  # timed, after one that warms up; of a participant that is SLOW
 RUN_MS, LEAST, MOST = 15.0, 3, 400  # ms that a run is to last; frames in it at least and at most
 SLOW, TOO_SLOW = 50.0, 1000.0  # ms a frame
 BUSY = 0.95  # of a frame's wall clock that one thread computes; below, others had the processor
 
 
 @dataclass(frozen=True)
-class Cost:
+class CostRow:
     """Wall clock of a simulated frame of one cloth [ms]: median and quartiles over ``runs``, the best, and the medians
     of the coarse step and of the upscaling to positions and velocities.
 
@@ -49,67 +52,58 @@ class Cost:
 COST_KEY = ("scene", "rows", "cols", "family", "options", "batch", "threads")
 
 
-def timed_run(
-    backend: Any, start: State, controls: Sequence[Controls], count: int, alone: bool
+def timed(
+    backend: Backend, start: State, controls: Sequence[Controls], count: int, *, alone: bool
 ) -> tuple[np.ndarray, bool]:
     """Median seconds of a frame, of its step and of its upscaling; and whether others disturbed every frame.
 
     ``count`` frames are timed, from the start again where ``controls`` end. ``alone``: one thread computes, and
     frames that it shared the processor in can be told.
     """
-    frames, shares = [], []
-    for number in range(count):
-        if number % len(controls) == 0:
-            backend.reset(start)
-        own, begin = thread_time(), perf_counter()
-        state = backend.advance(controls[number % len(controls)])
-        middle = perf_counter()
-        state.positions, state.velocities  # noqa: B018  a lazy backend infers them now
-        end = perf_counter()
-        frames.append((end - begin, middle - begin, end - middle))
-        shares.append(min((thread_time() - own) / (end - begin), 1.0) if alone else 1.0)
-    times, share = np.array(frames), np.array(shares)
+    frames = chain.from_iterable(replay(backend, *given) for given in repeat((start, controls)))
+    wall, step, _, thread = np.array([seconds for _, seconds in islice(frames, count)]).T
+    times, share = np.stack([wall, step, wall - step], 1), thread / wall if alone else np.ones(count)
     good = share >= BUSY
     if good.any():
         return np.median(times[good], 0), False
     return np.median(times * share[:, None], 0), True
 
 
-def cost(
-    methods: Sequence[Method],
+def costs(
+    participants: Sequence[Participant],
     windows: Windows,
     *,
     batch: int = 1,
     threads: int = 1,
     runs: int = RUNS,
     run_ms: float = RUN_MS,
-) -> list[Cost]:
-    """Time ``methods`` in turn, so that a busy moment of the machine hits all alike; what is too slow for a frame."""
+) -> list[CostRow]:
+    """Time ``participants`` in turn, so that a busy moment of the machine hits all alike; the too slow for a frame."""
+    scene = windows.scene
     start = State(**{n: np.repeat(a[:1], batch, 0) for n, a in windows.truth[0].arrays().items()})
     controls = [Controls(**{n: np.repeat(a[:1], batch, 0) for n, a in vars(c).items()}) for c in windows.controls]
-    built = [method.build(Job(windows.scene, batch, threads)) for method in methods]
-    times: list[list[np.ndarray]] = [[] for _ in methods]
-    disturbed, count = [0] * len(methods), [0] * len(methods)
+    backends = [built(participant, scene, batch, threads) for participant in participants]
+    times: list[list[np.ndarray]] = [[] for _ in participants]
+    disturbed, count = [0] * len(participants), [0] * len(participants)
     for run in range(runs + 1):  # the first warms up
-        for i, backend in enumerate(built):
+        for i, backend in enumerate(backends):
             ms = times[i][0][0] * batch if times[i] else 0.0
             if isinstance(backend, str) or ms > TOO_SLOW or (ms > SLOW and run > SLOW_RUNS):
                 continue
-            taken, bad = timed_run(backend, start, controls, count[i] or 1, threads == 1)
+            taken, bad = timed(backend, start, controls, count[i] or 1, alone=threads == 1)
             if run or taken[0] * 1e3 > TOO_SLOW:
                 times[i].append(taken * 1e3 / batch)
                 disturbed[i] += bad
             if not run:
                 count[i] = int(np.clip(run_ms / (taken[0] * 1e3), LEAST, MOST))
     out = []
-    for i, (method, backend) in enumerate(zip(methods, built, strict=True)):
+    for i, (participant, backend) in enumerate(zip(participants, backends, strict=True)):
         table = np.array(times[i]) if times[i] else np.full((1, 3), np.nan)
         q1, median, q3 = np.percentile(table[:, 0], [25, 50, 75])
         step, upscale = np.median(table[:, 1:], 0)
-        row = Cost(
-            windows.scene.name, *windows.scene.grid.shape, method.family, method.text, batch, threads,
-            len(times[i]), disturbed[i],
-            float(q1), float(median), float(q3), float(table[:, 0].min()), float(step), float(upscale),
+        row = CostRow(
+            scene.name, *scene.grid.shape, participant.family, participant.text, batch, threads, len(times[i]),
+            disturbed[i], float(q1), float(median), float(q3), float(table[:, 0].min()), float(step), float(upscale),
             failure=backend if isinstance(backend, str) else "",
         )  # fmt: skip
         out.append(rounded(row))
