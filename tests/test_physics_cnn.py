@@ -27,10 +27,10 @@ from surrogates.cell.numbers import CLASSES
 from training.bench.papers import cell as cnn
 from training.bench.papers.large_step import growth
 from training.bench.papers.rows import CELL_KEY, CellRow, cell_text
-from training.physics_cnn_fit import as_cell, least_squares, rows
-from training.physics_cnn_sheets import columns, identify, solve
+from training.cell.sheets import columns, identify, solve
+from training.cell.solve import as_cell, least_squares, rows
+from training.cell.train import main
 from training.rows import Store
-from training.train_physics_cnn import main
 
 EPS = {"float32": np.finfo(np.float32).eps, "float64": np.finfo(np.float64).eps}
 NETS = [(scene, preset) for preset in ("zhao2024", "zhao2024-fall") for scene in PRESETS[preset]]

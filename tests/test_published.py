@@ -27,7 +27,7 @@ from training.bench.papers.runs import (
     unscaled,
 )
 from training.bench.participants import extra
-from training.recipes.published import SCENES, SHIPPED
+from training.recipes.upscaler import SCENES, SHIPPED
 from training.rows import Store
 
 FRAMES = 4

@@ -18,9 +18,9 @@ from surrogates.cell.compiled import CellNet, dimensional
 from surrogates.cell.engine import TorchNet
 from surrogates.checkpoint import load
 from training.bench.papers.rows import CellCheckRow, CellRow, CellSpeedRow
-from training.physics_cnn_data import CASES, case
-from training.physics_cnn_fit import least_squares, rows
-from training.physics_cnn_score import NUDGE, Run, errors
+from training.cell.data import CASES, case
+from training.cell.score import NUDGE, Run, errors
+from training.cell.solve import least_squares, rows
 from training.rollouts import replay
 from training.rows import Store
 

@@ -42,7 +42,7 @@ from training.bench.papers.runs import (
     upscalers,
 )
 from training.bench.participants import Participant
-from training.recipes.published import FACTORS, SCENES, Recipe
+from training.recipes.upscaler import FACTORS, SCENES, Recipe
 from training.rollouts import Recording
 from training.rows import Store
 

@@ -42,10 +42,9 @@ from training.bench.papers.rows import (
 )
 from training.bench.papers.runs import PRESET, by_frame, cloths, follow, shrunk, solver, teacher
 from training.bench.participants import extra
-from training.physics_cnn_data import STEPS
-from training.recipes.published import SCENES
+from training.cell.data import STEPS
+from training.recipes.upscaler import SCENES, work_folder
 from training.rollouts import Recording
-from training.train_upscaler import work_folder
 
 # The paper's figures: error, ms on its authors' machine. Its own method is the miniature with a network.
 TABLE_4 = {2: (1.816e-3, 37.5), 3: (2.916e-3, 19.1), 4: (3.901e-3, 16.2)}

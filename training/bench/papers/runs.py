@@ -43,7 +43,7 @@ def teacher(scene: str, frames: int, options: Mapping[str, float] | None = None,
     cls: Any = load_preset(scene, {"name": PRESET, **(options or {})})
     cls = type(cls.__name__, (cls,), attributes)
     task = cls(cls.make_scene(resolution=cls.resolution, material=cls.material))
-    return _recorded(task.scene, *simulate(task, PRESET, np.random.default_rng(0), frames))
+    return simulate(task, PRESET, np.random.default_rng(0), frames)
 
 
 def held_out(scene: str, count: int) -> Iterator[Recording]:
@@ -52,11 +52,7 @@ def held_out(scene: str, count: int) -> Iterator[Recording]:
     for index in range(HELD_OUT_EVERY - 1, count * HELD_OUT_EVERY, HELD_OUT_EVERY):
         own = draw(plan, index)
         task, rng = task_of(scene, PRESET, own), np.random.default_rng((plan.seed, index, 1))
-        yield _recorded(task.scene, *simulate(task, PRESET, rng, plan.frames, own.push))
-
-
-def _recorded(scene: Scene, states: Sequence[State], controls: list[Any]) -> Recording:
-    return Recording(scene, dict(enumerate(states)), controls, [scene.material], [""])
+        yield simulate(task, PRESET, rng, plan.frames, own.push)
 
 
 def cloths(run: Recording) -> np.ndarray:
@@ -104,7 +100,7 @@ def upscalers(run: Recording, factor: int, names: Sequence[str], folder: Path | 
                 coarse, run.scene, factor, weights=load(f"{stem}_{kind}", folder)
             )
     taught = f"{weights_name('local', run.scene.name)}_{factor}"
-    if folder and (folder / f"{taught}.safetensors").is_file():  # of training.published_local
+    if folder and (folder / f"{taught}.safetensors").is_file():  # of training.local.published
         found["local"] = Local(coarse, run.scene, factor, arrays=load(taught, folder).arrays)
     for each in found.values():
         each.set_materials([0], [run.scene.material])
