@@ -2,12 +2,15 @@
 
 Lee et al. 2019 train for eight hours on a GPU, in batches of 50,000 at a rate of 1e-4. Here a network has a minute or
 two of one core: smaller batches, a rate that starts at 2e-3 and falls to nothing along a cosine, and
-(``start="bilinear"``) a network that begins as bilinear interpolation. See ``train_upscaler``.
+(``start="bilinear"``) a network that begins as bilinear interpolation. See ``upscaler.train``.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
+
+from training.cache import cache_folder
 
 SCENES = ("Curtain", "Flag", "Collision")
 FACTORS = (2, 3, 4)
@@ -67,3 +70,13 @@ def _recipes() -> dict[str, Recipe]:
 RECIPES = _recipes()
 # Those whose weights the package holds.
 SHIPPED = {f"{kind}-{scene.lower()}-{factor}" for kind in ("fc", "hdnn") for scene in SCENES for factor in FACTORS}
+
+
+def weights_name(name: str) -> str:
+    """Of the weights that recipe ``name`` makes: ``fc-flag-2`` makes ``fc_flag_2``."""
+    return name.replace("-", "_")
+
+
+def work_folder() -> Path:
+    """Of checkpoints; its ``weights`` are those that are not shipped."""
+    return cache_folder("upscalers")

@@ -2,15 +2,15 @@
 
 Particles (Zhao 2024): differential evolution for the scales, Adam with step decay, cosine fine-tuning, then the
 derivative branch alone with the others frozen; on "fall", on "blow" and on both, beside least squares in closed
-form. Sheets: the cell of every scene, identified by least squares. A stage that was done is not done again.
+form. Sheets: the cell of every scene, identified by least squares. What was stopped goes on.
 """
 
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -27,31 +27,16 @@ from surrogates.cell.compiled import dimensionless
 from surrogates.cell.numbers import CLASSES, SHEET
 from surrogates.cell.stencil import StencilCell
 from surrogates.checkpoint import WEIGHTS, save
-from training.bench.truth import cache_folder
-from training.physics_cnn_data import CASES, Sums, case, sums
-from training.physics_cnn_fit import Fit, Loss, Stage, as_cell, branch_scales, least_squares, numbers_of, rows, train
-from training.physics_cnn_score import Run, errors
-from training.physics_cnn_sheets import identify, sheet_errors
+from training.cache import cache_folder, digest
+from training.cell.data import CASES, case, sums
+from training.cell.score import Run, errors
+from training.cell.sheets import identify, sheet_errors
+from training.cell.solve import Fit, Loss, as_cell, branch_scales, least_squares, numbers_of, rows, train
+from training.fit import Kept
+from training.recipes.cell import BASES, DATA, Recipe
 from training.rows import read_names
 
-DATA = {"fall": ("fall",), "blow": ("blow",), "both": ("fall", "blow")}
 CLOSED_FORM = "least_squares"
-STATES, VERTICES = 2500, 2048  # a scene; drawn particles a state
-LAMBDA, BATCH = 0.5, 256  # of eq. 8; states
-BASES = {
-    "shared": "basis (d / L - n, n), opposite neighbours share weights",
-    "free": "basis (d / L - n, n), 12 weights a branch",
-    "published": "alpha and beta themselves, 12 weights a branch",
-}
-
-
-def stages(epochs: int) -> list[Stage]:
-    """The paper's: 1e-2 with step decay, then cosine annealing from 1e-3; then one branch with the others frozen."""
-    return [
-        Stage(1e-2, epochs, "step"),
-        Stage(1e-3, max(1, epochs // 4), "cosine"),
-        Stage(1e-3, max(1, epochs // 8), "cosine", ("derivative",)),
-    ]
 
 
 def options_of(basis: str) -> dict[str, Any]:
@@ -63,45 +48,33 @@ def options_of(basis: str) -> dict[str, Any]:
     return {"lengths": lengths, "pairs": basis == "shared"}
 
 
-def adam(
-    data: str, epochs: int, basis: str, *, seed: int = 0, folder: Path | None = None
-) -> tuple[Fit, dict[str, Any]]:
-    """The cell trained on ``data`` (of ``DATA``), and what its card says; goes on after the last stage on disk."""
-    options = options_of(basis)
-    found = {name: sums(name, STATES, VERTICES, folder) for name in DATA[data]}
-    loss = Loss(np.concatenate([Loss.of(part, name, LAMBDA).forms for name, part in found.items()]))
-    text = repr((data, epochs, seed, LAMBDA, basis, data_hash(found)))
-    path = cache_folder(folder).parent / "physics_cnn" / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.pt"
-    if path.is_file():
-        past = torch.load(path, weights_only=True)
-    else:
-        scales, seconds = branch_scales(loss, options.get("lengths"), seed)
-        past = {"scales": scales, "done": 0, "seconds": [seconds], "losses": []}
-    cell = StencilCell(scales=past["scales"], dtype=torch.float64, **options)
-    generator = torch.Generator().manual_seed(seed)
+def adam(recipe: Recipe, folder: Path | None = None) -> tuple[Fit, dict[str, Any]]:
+    """The cell that the recipe trains, and what its card says."""
+    options = options_of(recipe.basis)
+    found = {name: sums(name, recipe.states, recipe.vertices, folder) for name in DATA[recipe.data]}
+    loss = Loss(np.concatenate([Loss.of(part, name, recipe.physics).forms for name, part in found.items()]))
+    scales, second = branch_scales(loss, options.get("lengths"), recipe.seed)
+    cell = StencilCell(scales=scales, dtype=torch.float64, **options)
+    generator = torch.Generator().manual_seed(recipe.seed)
     for parameter in cell.parameters():
         parameter.data = torch.rand(parameter.shape, generator=generator, dtype=parameter.dtype)
-    if past["done"]:
-        cell.load_state_dict(past["cell"])
-    path.parent.mkdir(parents=True, exist_ok=True)
-    for number, stage in enumerate(stages(epochs)[past["done"] :], past["done"] + 1):
-        value, seconds = train(cell, loss, stage, batch=min(BATCH, len(loss.forms)), seed=seed + number)
-        past |= {"losses": [*past["losses"], value], "seconds": [*past["seconds"], seconds], "done": number}
-        torch.save(past | {"cell": cell.state_dict()}, path)
+    data = digest(*(array for part in found.values() for array in part))
+    mark, batch = repr((recipe, data)), min(recipe.batch, len(loss.forms))
+    losses, seconds = [], [second]
+    for number, stage in enumerate(recipe.stages, 1):
+        kept = Kept(cache_folder("physics_cnn", folder) / f"{digest(mark)}_{number}.pt", mark)
+        value, second = train(cell, loss, stage, batch=batch, seed=recipe.seed + number, kept=kept)
+        losses.append(value)
+        seconds.append(second)
     numbers = numbers_of(cell).detach().numpy()
     about = {
-        "differential evolution": {"scales": [float(f"{s:.6g}") for s in past["scales"]]},
-        "loss after each stage": past["losses"],
+        "differential evolution": {"scales": [float(f"{s:.6g}") for s in scales]},
+        "loss after each stage": losses,
         "loss of no cell": loss(np.zeros_like(numbers)),
-        "seconds of differential evolution and of the stages": [round(s, 1) for s in past["seconds"]],
-        "data sha256": data_hash(found),
+        "seconds of differential evolution and of the stages": [round(s, 1) for s in seconds],
+        "data sha256": data,
     }
-    return Fit(numbers, sum(past["seconds"])), about
-
-
-def data_hash(found: dict[str, Sums]) -> str:
-    """Of the sums that a cell was fitted to."""
-    return hashlib.sha256(b"".join(part.tobytes() for item in found.values() for part in item)).hexdigest()
+    return Fit(numbers, sum(seconds)), about
 
 
 def identified(found: Mapping[str, np.ndarray]) -> dict[str, float]:
@@ -113,31 +86,20 @@ def identified(found: Mapping[str, np.ndarray]) -> dict[str, float]:
     return {name: float(f"{value:.2g}") for name, value in zip(names, (*off, down, side), strict=True)}
 
 
-def particles(epochs: int, out: Path, basis: str) -> None:
+def particles(recipe: Recipe, out: Path) -> None:
     """All cells of particles, each tested on the four animations, and saved."""
     start = process_time()
     block = rows(DATA["both"], 10, 1000)
-    data_seconds = process_time() - start
-    fits: dict[str, tuple[Fit, dict[str, Any]]] = {}
-    fits[CLOSED_FORM] = (
-        least_squares(block),
-        {"seconds of the simulator's run": round(data_seconds, 1),
-         "data sha256": hashlib.sha256(block[0].tobytes()).hexdigest()},
-    )  # fmt: skip
-    for data in DATA:
-        fits[data] = adam(data, epochs, basis)
+    about = {"seconds of the simulator's run": round(process_time() - start, 1), "data sha256": digest(block[0])}
+    fits = {CLOSED_FORM: (least_squares(block), about)}
+    fits |= {data: adam(replace(recipe, data=data)) for data in DATA}
     found = {name: dimensionless(case("fall").scene, as_cell(fit.numbers)) for name, (fit, _) in fits.items()}
     scores = {scene: errors(scene, {name: Run(arrays) for name, arrays in found.items()}) for scene in CASES}
     for name, (fit, about) in fits.items():
-        recipe = (
-            "least squares on 10 states of each of fall and blow, 1000 free particles each"
-            if name == CLOSED_FORM
-            else f"differential evolution, then Adam: {'; '.join(map(str, stages(epochs)))}; batches of {BATCH} "
-            f"of {STATES} states a scene, {VERTICES} free particles a state, lambda {LAMBDA}; {BASES[basis]}"
-        )
+        closed = "least squares on 10 states of each of fall and blow, 1000 free particles each"
         card = {
             "what": "the cell of Zhao 2024 for nets of particles, dimensionless",
-            "recipe": recipe,
+            "recipe": closed if name == CLOSED_FORM else str(recipe),
             "trained on": DATA.get(name, DATA["both"]),
             **about,
             "seconds of the fit": round(fit.seconds, 1),
@@ -150,7 +112,11 @@ def particles(epochs: int, out: Path, basis: str) -> None:
             "licence": "MIT",
             **header(),
         }
-        target = PARTICLES + ("" if name == "both" else f"_{name}") + ("" if basis == "shared" else f"_{basis}")
+        target = (
+            PARTICLES
+            + ("" if name == "both" else f"_{name}")
+            + ("" if recipe.basis == "shared" else f"_{recipe.basis}")
+        )
         save(target, found[name], card, out)
         print(target, json.dumps(card["off the simulator's law [%]"]), flush=True)
 
@@ -185,8 +151,9 @@ def sheets(names: Sequence[str], out: Path) -> None:
 
 
 def main(argv: list[str] | None = None) -> int:
+    """Train the cells. Returns the exit code."""
     parser = argparse.ArgumentParser(prog="minicloth train physics-cnn", description=__doc__)
-    parser.add_argument("--epochs", type=int, default=2000, help="of the first stage (default 2000)")
+    parser.add_argument("--epochs", type=int, default=Recipe.epochs, help="of the first stage (default %(default)s)")
     parser.add_argument(
         "--basis", default="shared", help="of the particles' weights: shared (default), free, published"
     )
@@ -199,7 +166,7 @@ def main(argv: list[str] | None = None) -> int:
         raise unknown_name("basis", options.basis, BASES)
     torch.set_num_threads(1)
     if not options.no_particles:
-        particles(options.epochs, options.out, options.basis)
+        particles(Recipe(epochs=options.epochs, basis=options.basis), options.out)
     sheets(names, options.out)
     return 0
 

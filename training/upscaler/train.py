@@ -14,29 +14,26 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from itertools import pairwise
 from pathlib import Path
-from time import process_time
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
+import torch
 
 from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
 from surrogates.checkpoint import WEIGHTS, save
 from surrogates.upscale.mlp import Mlp
-from training.bench.truth import cache_folder
-from training.dataset import Pairs, data_hash, read, shards
+from training.fit import Kept, cosine, fit
 from training.generate import data_folder
-from training.recipes.published import RECIPES, SHIPPED, Recipe
+from training.recipes.upscaler import RECIPES, SHIPPED, Recipe, weights_name, work_folder
+from training.upscaler.data import Pairs, data_hash, read, shards
 
 PROBE = 100_000  # pairs for the statistics, and for the errors of the card
 LEAST_VARIANCE = 1e-7  # of a principal component that is whitened, over the largest one's
-KEEP_EVERY = 500  # steps between checkpoints
 CARRY = 8.0  # standard deviations that a unit which passes a coordinate on can take before it is cut off
 
 
@@ -56,12 +53,6 @@ class Scaling:
         rest = y - x @ self.linear
         self.offset, self.spread = rest.mean(0), float(rest.std(0).mean())
         self.corners, self.scale = corners, x.std(0)[-corners:]
-
-    def torch(self) -> tuple[Any, ...]:
-        from torch import tensor
-
-        parts = self.mean, self.white, self.linear, self.offset
-        return (*(tensor(part.astype(np.float32)) for part in parts), self.spread)
 
     def fold(self, weights: list[tuple[np.ndarray, np.ndarray]]) -> dict[str, np.ndarray]:
         """The arrays of the whole network, in absolute coordinates, from the layers ``(out, in)`` inside."""
@@ -103,62 +94,23 @@ def errors(arrays: dict[str, np.ndarray], pairs: Pairs, seed: int = 2) -> dict[s
     return out
 
 
-def train(recipe: Recipe, pairs: Pairs, state: Path, *, stop: int | None = None) -> tuple[dict[str, np.ndarray], float]:
-    """The weights after all steps (or after ``stop`` of them), and the processor's seconds; goes on from ``state``."""
-    import torch
-
+def train(recipe: Recipe, pairs: Pairs, kept: Kept) -> tuple[dict[str, np.ndarray], float]:
+    """The weights after all steps, and the processor's seconds."""
     torch.manual_seed(recipe.seed)
     scaling = Scaling(recipe, pairs)
-    mean, white, linear, offset, spread = scaling.torch()
+    parts = scaling.mean, scaling.white, scaling.linear, scaling.offset
+    (mean, white, linear, offset), spread = (torch.from_numpy(a.astype(np.float32)) for a in parts), scaling.spread
     width = recipe.width - (scaling.corners if scaling.carried else 0)
-    sizes = [len(mean), *[width] * recipe.layers, len(offset)]
-    layers = [torch.nn.Linear(a, b) for a, b in pairwise(sizes)]
-    parts = [part for layer in layers for part in (layer, torch.nn.ReLU())][:-1]
-    net = torch.nn.Sequential(*parts)
-    optimiser = torch.optim.Adam(net.parameters(), lr=recipe.rate)
-    first, spent = 0, 0.0
-    if state.is_file():
-        kept = torch.load(state, weights_only=True)
-        if kept["recipe"] != json.dumps(asdict(recipe)):
-            raise ValueError(f"{state} is of another recipe: remove it to start again")
-        net.load_state_dict(kept["net"])
-        optimiser.load_state_dict(kept["optimiser"])
-        first, spent = kept["step"], kept["spent"]
-    last = recipe.steps if stop is None else stop
-    begin = process_time()
-    for step in tqdm(range(first, last), initial=first, total=recipe.steps, desc="steps", disable=None):
-        for group in optimiser.param_groups:
-            group["lr"] = recipe.rate * (0.5 + 0.5 * math.cos(math.pi * step / recipe.steps))
+    layers = [torch.nn.Linear(a, b) for a, b in pairwise([len(mean), *[width] * recipe.layers, len(offset)])]
+    net = torch.nn.Sequential(*[part for layer in layers for part in (layer, torch.nn.ReLU())][:-1])
+
+    def loss(step: int) -> torch.Tensor:
         x, y = (torch.from_numpy(a) for a in pairs.draw(np.random.default_rng((recipe.seed, 3, step)), recipe.batch))
         found = x @ linear + offset + spread * net((x - mean) @ white)
-        loss = ((found - y) ** 2).sum(1).mean() / spread**2
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        if (step + 1) % KEEP_EVERY == 0 or step + 1 == last:
-            _keep(state, recipe, net, optimiser, step + 1, spent + process_time() - begin)
-    weights = [(layer.weight.detach().numpy(), layer.bias.detach().numpy()) for layer in layers]
-    return scaling.fold(weights), spent + process_time() - begin
+        return ((found - y) ** 2).sum(1).mean() / spread**2
 
-
-def _keep(path: Path, recipe: Recipe, net: Any, optimiser: Any, step: int, spent: float) -> None:
-    import torch
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    parts = {"net": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step, "spent": spent}
-    torch.save({"recipe": json.dumps(asdict(recipe)), **parts}, part)
-    part.replace(path)
-
-
-def weights_name(name: str) -> str:
-    """Of the weights that recipe ``name`` makes: ``fc-flag-2`` makes ``fc_flag_2``."""
-    return name.replace("-", "_")
-
-
-def work_folder() -> Path:
-    """Of checkpoints; its ``weights`` are those that are not shipped."""
-    return cache_folder().parent / "upscalers"
+    seconds = fit(net, loss, recipe.steps, cosine(recipe.rate, recipe.steps), label="steps", kept=kept)
+    return scaling.fold([(layer.weight.detach().numpy(), layer.bias.detach().numpy()) for layer in layers]), seconds
 
 
 def run(name: str, data: Path | None, out: Path, *, fresh: bool = False) -> dict[str, Any]:
@@ -172,12 +124,13 @@ def run(name: str, data: Path | None, out: Path, *, fresh: bool = False) -> dict
         for held, paths in split.items()
     }
     known = data_hash([*split[False], *split[True]])
-    state = work_folder() / f"{name}-{known[:8]}.pt"
+    about = {"name": name, **asdict(recipe)}
+    kept = Kept(work_folder() / f"{name}-{known[:8]}.pt", json.dumps(about | {"data": known}))
     if fresh:
-        state.unlink(missing_ok=True)
-    arrays, seconds = train(recipe, pairs[False], state)
+        kept.path.unlink(missing_ok=True)
+    arrays, seconds = train(recipe, pairs[False], kept)
     card = {
-        "recipe": {"name": name, **asdict(recipe)},
+        "recipe": about,
         "data": {
             "hash": known,
             "teacher": "P-ADMM, 10 iterations, full resolution",
@@ -204,6 +157,7 @@ def run(name: str, data: Path | None, out: Path, *, fresh: bool = False) -> dict
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    """Train the network. Returns the exit code."""
     parser = argparse.ArgumentParser(prog="minicloth train upscaler", description=__doc__)
     parser.add_argument("--recipe", required=True, help="one of " + ", ".join(RECIPES))
     parser.add_argument("--data", type=Path, help="folder of `minicloth generate` (default: in the user's cache)")

@@ -6,25 +6,22 @@ others one with random areal density and stretch stiffness.
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gymnasium.utils.seeding import np_random
 
 from cloth_envs.material import Material
-from cloth_envs.policies import open_loop
 from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
-from cloth_envs.state import Controls, State
 from cloth_envs.world import World
-from surrogates.miniature.backend import MiniatureBackend
-from surrogates.miniature.coarse import coarse_grid
+from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
 from surrogates.upscale.local_features import NODES, cells, features, flat_features, spacing, stiffness_numbers
 from surrogates.upscale.patches import dense_grid
+from training.cache import cached_arrays, digest
+from training.rollouts import Recording, record, replay, seeded_actions
 
 FRAMES = (1, 2, 3, 5, 7)  # after a restart, at which pairs are taken
 STARTS = (10, 25, 40, 55, 70, 85, 100)  # frames of an episode, at which windows begin
@@ -48,16 +45,14 @@ class Windows:
     @property
     def key(self) -> str:
         """Sixteen digits that tell the content."""
-        parts = [self.truth, *(self.coarse[factor] for factor in sorted(self.coarse))]
-        return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()[:16]
+        return digest(self.truth, *(self.coarse[factor] for factor in sorted(self.coarse)))
 
 
 def varied(scene: Scene) -> dict[str, tuple[float, float]]:
     """The ranges of a world's ``randomize`` for materials of training."""
     names = "areal_density", "stretch_stiffness"
-    return {
-        name: (RANGE[0] * getattr(scene.material, name), RANGE[1] * getattr(scene.material, name)) for name in names
-    }
+    own = {name: getattr(scene.material, name) for name in names}
+    return {name: (RANGE[0] * value, RANGE[1] * value) for name, value in own.items()}
 
 
 def simulate(
@@ -75,54 +70,19 @@ def simulate(
     Episodes that fail are left out. ``options`` go to the world (``resolution``).
     """
     world = World(scene, num_envs=len(seeds), randomize=randomize, **options)
-    world.reset({i: np_random(seed)[0] for i, seed in enumerate(seeds)})
-    last, actions = max(starts) + max(FRAMES), len(world.task.actions)
-    frames = max(last, 200)
-    policy = np.stack([open_loop("smooth", frames, actions, world.scene.frame_dt, seed) for seed in seeds], 1)
-    controls: list[Controls] = []
-    advance = world.backend.advance
-
-    def recorded(given: Controls) -> State:
-        controls.append(Controls(**{name: np.array(value) for name, value in vars(given).items()}))
-        return advance(given)
-
-    world.backend.advance = recorded  # type: ignore[assignment,method-assign]
-    kept = {start + frame for start in starts for frame in (0, *FRAMES)}
-    states, good = {}, np.ones(len(seeds), bool)
-    for frame in range(1, last + 1):
-        good &= [not reason for reason in world.step(policy[frame - 1])[1]]
-        if frame in kept:
-            states[frame] = world.state.copy()
-    members = np.flatnonzero(good).tolist()
-    materials = [world.materials[i] for i in members]
-    coarse = {
-        factor: np.concatenate(
-            [_window(world.scene, states[s], controls[s:], materials, members, factor, scaling) for s in starts]
-        )
-        for factor in factors
-    }
-    truth = [np.stack([states[start + f].positions[members] for f in FRAMES], 1) for start in starts]
-    return Windows(world.scene, coarse, np.concatenate(truth), materials * len(starts))
+    actions = seeded_actions(world, seeds, ["smooth"], max(starts) + max(FRAMES))
+    run = record(world, actions, [start + frame for start in starts for frame in (0, *FRAMES)], seeds=seeds)
+    run = run.only(run.good)
+    coarse = {f: np.concatenate([_window(run, start, f, scaling) for start in starts]) for f in factors}
+    truth = [np.stack([run.states[start + f].positions for f in FRAMES], 1) for start in starts]
+    return Windows(run.scene, coarse, np.concatenate(truth), run.materials * len(starts))
 
 
-def _window(
-    scene: Scene,
-    start: State,
-    controls: Sequence[Controls],
-    materials: Sequence[Material],
-    members: Sequence[int],
-    factor: int,
-    scaling: str,
-) -> np.ndarray:
+def _window(run: Recording, start: int, factor: int, scaling: str) -> np.ndarray:
     """Coarse positions at ``FRAMES``, ``(B, len(FRAMES), 3, h, w)``."""
-    backend = MiniatureBackend(scene, num_envs=len(members), factor=factor, scaling=scaling)
-    backend.reset(start.select(list(members)), materials)
-    found = []
-    for frame, given in enumerate(controls[: max(FRAMES)], 1):
-        backend.advance(replace(given, **{name: value[list(members)] for name, value in vars(given).items()}))
-        if frame in FRAMES:
-            found.append(backend.coarse.state.positions.copy())
-    return np.stack(found, 1)
+    coarse = CoarsePhysics(run.scene, num_envs=len(run.materials), factor=factor, scaling=scaling)
+    after = replay(coarse, run.states[start], run.controls[start : start + max(FRAMES)], run.materials)
+    return np.stack([state.positions for frame, (state, _) in enumerate(after, 1) if frame in FRAMES], 1)
 
 
 def join(parts: Sequence[Windows]) -> Windows:
@@ -132,21 +92,18 @@ def join(parts: Sequence[Windows]) -> Windows:
     return Windows(parts[0].scene, coarse, truth, [m for part in parts for m in part.materials])
 
 
-def cached(name: str, folder: Path, make: Any) -> Windows:
-    """``make()``, kept in ``folder``: a stopped training finds its data again."""
-    path = folder / f"{name}.npz"
-    if path.is_file():
-        with np.load(path, allow_pickle=False) as file:
-            arrays = dict(file)
-        materials = [Material(*row) for row in arrays.pop("materials").tolist()]
-        scene = World(name.split("_")[0]).scene
-        truth = arrays.pop("truth")
-        return Windows(scene, {int(factor): value for factor, value in arrays.items()}, truth, materials)
-    windows = make()
-    folder.mkdir(parents=True, exist_ok=True)
-    rows = np.array([list(m.as_dict().values()) for m in windows.materials])
-    np.savez(path, truth=windows.truth, materials=rows, **{str(f): x for f, x in windows.coarse.items()})
-    return windows
+def cached(scene: Scene, path: Path, make: Callable[[], Windows]) -> Windows:
+    """``make()`` of ``scene``, kept at ``path`` (``.npz``): a stopped training finds its data again."""
+
+    def arrays() -> dict[str, np.ndarray]:
+        made = make()
+        rows = np.array([list(material.as_dict().values()) for material in made.materials])
+        return {"truth": made.truth, "materials": rows} | {str(factor): x for factor, x in made.coarse.items()}
+
+    kept = cached_arrays(path, arrays)
+    materials = [Material(*row) for row in kept.pop("materials").tolist()]
+    truth = kept.pop("truth")
+    return Windows(scene, {int(factor): x for factor, x in kept.items()}, truth, materials)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""``python -m training.published_local SCENE``: the local network, taught the trajectories of the published ones.
+"""``python -m training.local.published SCENE``: the local network, taught the trajectories of the published ones.
 
 For fig. 15 of Lee et al. 2019, the wind turned round: the same teacher's positions, down-sampled, but read in a cell's
 own axes and answered with what bicubic interpolation misses. Shipped ``"local"`` weights are of the scenes' own sheets
@@ -8,6 +8,7 @@ and know no sheet of preset "lee2019". These stay in the cache, where ``miniclot
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -19,11 +20,13 @@ from cloth_envs.machine import header
 from cloth_envs.presets import load_preset
 from surrogates.checkpoint import save
 from surrogates.upscale.local import weights_name
-from training.dataset import data_hash, read, shards
+from training.fit import Kept
 from training.generate import data_folder
-from training.local_data import FRAMES, Windows, pairs, small
-from training.train_local import Recipe, centred, fit_net
-from training.train_upscaler import work_folder
+from training.local.data import FRAMES, Windows, pairs, small
+from training.local.train import centred, fit_net
+from training.recipes.local import Recipe
+from training.recipes.upscaler import work_folder
+from training.upscaler.data import data_hash, read, shards
 
 PRESET, FACTOR = "lee2019", 2
 
@@ -44,17 +47,20 @@ def windows(scene: str, paths: Sequence[Path]) -> Windows:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m training.published_local", description=__doc__)
+    """Train the network. Returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m training.local.published", description=__doc__)
     parser.add_argument("scene", metavar="SCENE", help="Curtain, Flag or Collision, after `minicloth generate SCENE`")
     parser.add_argument("--out", type=Path, help="folder of the weights (default: in the user's cache)")
     options = parser.parse_args(argv)
     paths, recipe = shards(data_folder(options.scene, PRESET), held_out=False), Recipe()
     data, begin = windows(options.scene, paths), process_time()
     name = weights_name("local", options.scene)
-    net = fit_net(pairs(data, FACTOR, recipe.patches, recipe.seed), FACTOR, recipe, work_folder() / f"{name}.pt", name)
+    about = {"recipe": {"preset": PRESET, "factor": FACTOR, **asdict(recipe)}, "data": data_hash(paths)}
+    kept = Kept(work_folder() / f"{name}.pt", json.dumps(about))
+    net = fit_net(pairs(data, FACTOR, recipe.patches, recipe.seed), FACTOR, recipe, kept, name)
     card = {
-        "recipe": {"preset": PRESET, "factor": FACTOR, **asdict(recipe)},
-        "data": {"hash": data_hash(paths), "inputs": "the teacher's positions, down-sampled"},
+        "recipe": about["recipe"],
+        "data": {"hash": about["data"], "inputs": "the teacher's positions, down-sampled"},
         "seconds": round(process_time() - begin, 1),
         "licence": "MIT",
         **header(),

@@ -10,18 +10,16 @@ checkpoint; factors that --out holds already with this recipe are kept.
 from __future__ import annotations
 
 import argparse
-import hashlib
-import json
-import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
+from functools import partial
 from itertools import product
+from json import dumps, loads
 from pathlib import Path
 from time import process_time
-from typing import Any
 
 import numpy as np
-from tqdm import tqdm
+import torch
 
 from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
@@ -30,41 +28,16 @@ from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from cloth_envs.world import World
-from surrogates.checkpoint import WEIGHTS, save, written
-from surrogates.miniature.backend import MiniatureBackend
-from surrogates.miniature.coarse import coarse_grid
+from surrogates.checkpoint import WEIGHTS, add_factor, written
+from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
 from surrogates.upscale.local import Local, Ridge, weights_name
 from surrogates.upscale.local_features import LIMIT, flat_features
-from training.bench.truth import cache_folder
-from training.local_data import FRAMES, RANGE, STARTS, Pairs, Windows, cached, join, pairs, simulate, small, varied
+from training.cache import cache_folder, digest
+from training.fit import Kept, cosine, fit
+from training.local.data import FRAMES, RANGE, STARTS, Pairs, Windows, cached, join, pairs, simulate, small, varied
+from training.recipes.local import FACTORS, FIRST_SEED, HELD_OUT, Recipe
 
-FACTORS = (2, 3, 4)
-FIRST_SEED, HELD_OUT = 1000, (200, 201, 202, 203, 204)
 SHOWN = (1, 5)  # frames of the card's errors
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """How a pair of upscalers is trained.
-
-    Attributes:
-        seeds: of episodes with the scene's own material, and of as many or fewer with a random one.
-        hidden: units of the network's one hidden layer at factors 2, 3 and 4; small ones for speed.
-        patches: of all windows and frames, drawn at random.
-        steps, batch, rate: of Adam; the rate falls along half a cosine.
-        ridge: of the regression's diagonal.
-        scaling: of the miniature.
-    """
-
-    seeds: tuple[int, int] = (24, 16)
-    hidden: tuple[int, int, int] = (18, 18, 18)
-    patches: int = 400_000
-    steps: int = 3000
-    batch: int = 4096
-    rate: float = 3e-3
-    ridge: float = 1e-5
-    seed: int = 0
-    scaling: str = "calibrated"
 
 
 def fit_ridge(data: Pairs, recipe: Recipe) -> dict[str, np.ndarray]:
@@ -75,10 +48,8 @@ def fit_ridge(data: Pairs, recipe: Recipe) -> dict[str, np.ndarray]:
     return {"weight0": np.linalg.solve(square, x.T @ (data.y * data.weight[:, None])).T.astype(np.float32)}
 
 
-def fit_net(data: Pairs, factor: int, recipe: Recipe, kept: Path, label: str = "") -> dict[str, np.ndarray]:
-    """The network's arrays, as ``Local`` takes them. ``kept`` holds the state of a training that was stopped."""
-    import torch
-
+def fit_net(data: Pairs, factor: int, recipe: Recipe, kept: Kept, label: str = "") -> dict[str, np.ndarray]:
+    """The network's arrays, as ``Local`` takes them. ``kept`` is there only while it is trained."""
     torch.manual_seed(recipe.seed)
     spread = data.x.std(0) + 1e-3
     low, high = data.numbers.min(0), data.numbers.max(0)
@@ -89,35 +60,23 @@ def fit_net(data: Pairs, factor: int, recipe: Recipe, kept: Path, label: str = "
     hidden = recipe.hidden[FACTORS.index(factor)]
     reads, reads_numbers = torch.nn.Linear(x.shape[1], hidden, bias=False), torch.nn.Linear(2, hidden)
     last = torch.nn.Linear(hidden, y.shape[1], bias=False)
-    net = torch.nn.ModuleList([reads, reads_numbers, last])
-    optimiser = torch.optim.Adam(net.parameters(), recipe.rate)
-    begin = 0
-    if kept.is_file():
-        saved = torch.load(kept, weights_only=True)
-        net.load_state_dict(saved["net"])
-        optimiser.load_state_dict(saved["optimiser"])
-        begin = saved["step"]
-    for step in tqdm(range(begin, recipe.steps), desc=label, initial=begin, total=recipe.steps, disable=None):
-        for group in optimiser.param_groups:
-            group["lr"] = recipe.rate * (0.5 * (1 + math.cos(math.pi * step / recipe.steps)) + 1e-3)
+
+    def loss(step: int) -> torch.Tensor:
         chosen = torch.from_numpy(np.random.default_rng((recipe.seed, step)).integers(len(x), size=recipe.batch))
         of_flat = reads_numbers(numbers[chosen])
         found = last((reads(x[chosen]) + of_flat).relu() - of_flat.relu())
         found = found.reshape(recipe.batch, 3, -1)
         found = found * (1 + found.square().sum(1, keepdim=True) * (scale / LIMIT) ** 2).rsqrt()
         gap = found - y[chosen].reshape(recipe.batch, 3, -1)
-        loss = ((gap.square().sum(1) + 1e-12).sqrt() * weight[chosen, None]).mean()
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        if step % 500 == 499 and step + 1 < recipe.steps:
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            torch.save({"net": net.state_dict(), "optimiser": optimiser.state_dict(), "step": step + 1}, kept)
+        return ((gap.square().sum(1) + 1e-12).sqrt() * weight[chosen, None]).mean()
+
+    net = torch.nn.ModuleList([reads, reads_numbers, last])
+    fit(net, loss, recipe.steps, cosine(recipe.rate, recipe.steps, least=1e-3), label=label, kept=kept)
+    kept.path.unlink(missing_ok=True)
     w, material, b, v = (p.detach().numpy() for p in (reads.weight, *reads_numbers.parameters(), last.weight))
     material = material / width
     arrays = {"weight0": w / spread, "bias0": b - material @ centre, "weight1": v * scale}
     arrays |= {"material": material, "material_low": low, "material_high": high}
-    kept.unlink(missing_ok=True)
     return {name: value.astype(np.float32) for name, value in arrays.items()}
 
 
@@ -137,7 +96,7 @@ def errors(data: Windows, factor: int, upscaler: Local | None) -> dict[str, floa
             upscaler.set_materials(range(len(x)), data.materials)
             found = upscaler.positions([State.still(x)])
         gap = found - data.truth[:, FRAMES.index(frame)]
-        mean = 100 * np.sqrt((gap**2).sum(1)).mean() / max(grid.height, grid.width)
+        mean = 100 * np.sqrt((gap**2).sum(1)).mean() / grid.length
         out[str(frame)] = float(f"{mean:.4g}")
     return out
 
@@ -145,17 +104,14 @@ def errors(data: Windows, factor: int, upscaler: Local | None) -> dict[str, floa
 def episodes(scene: str, recipe: Recipe, cache: Path) -> tuple[Windows, dict[str, Windows]]:
     """Windows to train on, and held-out ones by name."""
     described = World(scene).scene
-    miniatures = [MiniatureBackend(described, factor=f, scaling=recipe.scaling).coarse.scene for f in FACTORS]
+    miniatures = [CoarsePhysics(described, factor=f, scaling=recipe.scaling).scene for f in FACTORS]
 
     def some(first: int, count: int, random: bool) -> Windows:
         ranges = varied(described) if random else None
-        mark = hashlib.sha256(repr((described, miniatures, first, FRAMES, STARTS, ranges)).encode()).hexdigest()[:12]
         seeds = range(first, first + count)
-
-        def make() -> Windows:
-            return simulate(scene, seeds, FACTORS, randomize=ranges, scaling=recipe.scaling)
-
-        return cached(f"{scene}_{count}_{mark}", cache, make)
+        path = cache / f"{scene}_{digest(described, miniatures, seeds, FRAMES, STARTS, ranges)}.npz"
+        make = partial(simulate, scene, seeds, FACTORS, randomize=ranges, scaling=recipe.scaling)
+        return cached(described, path, make)
 
     own, other = recipe.seeds
     train = join([some(FIRST_SEED, own, False), some(FIRST_SEED + own, other, True)])
@@ -166,19 +122,17 @@ def episodes(scene: str, recipe: Recipe, cache: Path) -> tuple[Windows, dict[str
 def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: Path) -> None:
     """Fit and write both upscalers of a scene; what ``out`` holds of this recipe and data is kept."""
     data, held = episodes(scene, recipe, cache)
-    settings = {"recipe": json.loads(json.dumps(asdict(recipe))), "data": data.key}
-    mark = hashlib.sha256(json.dumps(settings).encode()).hexdigest()[:12]
+    settings = {"recipe": loads(dumps(asdict(recipe))), "data": data.key}
     for factor, kind in product(factors, (Ridge, Local)):
         name, coarse = weights_name(kind.method, scene), small(data.scene, factor)
-        arrays, done = written(name, out)
-        if done.get(str(factor), {}).get("trained with") == settings:
+        if written(name, out).card.get(str(factor), {}).get("trained with") == settings:
             continue
         chosen, began = pairs(data, factor, recipe.patches, recipe.seed), process_time()
         if kind is Ridge:
             fitted = fit_ridge(chosen, recipe)
         else:
-            net = fit_net(chosen, factor, recipe, cache / f"{name}_{factor}_{mark}.pt", f"{scene} 1/{factor}")
-            fitted = centred(net, coarse)
+            kept = Kept(cache / f"{name}_{factor}_{digest(settings)}.pt", dumps(settings))
+            fitted = centred(fit_net(chosen, factor, recipe, kept, f"{scene} 1/{factor}"), coarse)
         seconds = round(process_time() - began, 1)
         upscaler = kind(coarse, data.scene, factor, arrays=fitted)
         shown = {
@@ -186,28 +140,24 @@ def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: 
             for which, windows in held.items()
             for what, up in (("bicubic", None), (kind.method, upscaler))
         }
-        arrays = {n: a for n, a in arrays.items() if not n.startswith(f"{factor}.")}
-        arrays |= {f"{factor}.{n}": a for n, a in fitted.items()}
-        done[str(factor)] = {
+        about = {
             "error [% of length] after frames": shown,
             "trained with": settings,
             "seconds": seconds,
             "machine": header(),
         }
-        save(name, arrays, _card(scene, kind.method) | {"factors": done}, out)
+        card = {
+            "what": f"upscaler {kind.method!r} of {scene}: residual to bicubic, per patch of 12 coarse vertices",
+            "data": f"miniature restarted from truth (float32) at frames {STARTS}, pairs {FRAMES} frames later",
+            "materials": f"areal density and stretch stiffness {RANGE[0]} to {RANGE[1]} times the scene's own",
+            "licence": "MIT",
+        }
+        add_factor(name, factor, fitted, about, card, out)
         print(f"{scene} 1/{factor} {kind.method}: {shown}", flush=True)
 
 
-def _card(scene: str, method: str) -> dict[str, Any]:
-    return {
-        "what": f"upscaler {method!r} of {scene}: residual to bicubic, per patch of 12 coarse vertices",
-        "data": f"miniature restarted from truth (float32) at frames {STARTS}, pairs {FRAMES} frames later",
-        "materials": f"areal density and stretch stiffness {RANGE[0]} to {RANGE[1]} times the scene's own",
-        "licence": "MIT",
-    }
-
-
 def main(argv: Sequence[str] | None = None) -> int:
+    """Train both upscalers. Returns the exit code."""
     parser = argparse.ArgumentParser(prog="minicloth train local", description=__doc__)
     parser.add_argument("--scenes", nargs="*", default=list(SCENES))
     parser.add_argument("--factors", nargs="*", type=int, default=list(FACTORS), choices=FACTORS)
@@ -216,7 +166,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=WEIGHTS, help="folder of the weights")
     parser.add_argument("--cache", type=Path, help="folder of the data (default: in the user's caches)")
     given = parser.parse_args(argv)
-    cache = given.cache or cache_folder().parent / "local"
+    cache = cache_folder("local", given.cache)
     for scene in given.scenes:
         if scene not in SCENES:
             raise unknown_name("scene", scene, SCENES)

@@ -17,7 +17,9 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from surrogates.cell.compiled import CellSheet
 from surrogates.cell.numbers import CLASSES, SHARED, SHEET
-from training.bench.truth import Case, record, replay, vertex_error
+from training.metrics.errors import vertex_error
+from training.rollouts import replay
+from training.truth import Case
 
 FRAMES = (2, 5, 8, 12, 16, 20, 25, 30, 35, 40)
 
@@ -85,14 +87,14 @@ class Identified(NamedTuple):
 
 def data(name: str, seed: int, frames: Sequence[int] = FRAMES) -> tuple[Scene, np.ndarray, np.ndarray]:
     """Columns ``(17, R)`` and accelerations ``(R,)`` of states on an episode with smooth actions."""
-    scene, states, controls = record(Case(name, seed, refine=1), max(frames), frames)
-    substeps = int(ExplicitSolver(scene).substeps[0])
+    run = Case(name, seed, truth="plain").record(max(frames), frames)
+    substeps = int(ExplicitSolver(run.scene).substeps[0])
     blocks, wanted = [], []
     for frame in frames:
-        state = states[frame]
-        blocks.append(columns(scene, *(a[0].reshape(3, -1) for a in (state.positions, state.velocities))))
-        wanted.append(accelerations(scene, state, controls[frame - 1], substeps))
-    return scene, np.concatenate(blocks, 1), np.concatenate(wanted)
+        state = run.states[frame]
+        blocks.append(columns(run.scene, *(a[0].reshape(3, -1) for a in (state.positions, state.velocities))))
+        wanted.append(accelerations(run.scene, state, run.controls[frame - 1], substeps))
+    return run.scene, np.concatenate(blocks, 1), np.concatenate(wanted)
 
 
 def solve(block: np.ndarray, wanted: np.ndarray) -> np.ndarray:
@@ -117,10 +119,9 @@ def sheet_errors(name: str, factors: Mapping[str, float], *, dtype: str = "float
 
     Both start from the reference's state after 20 frames, in ``dtype``.
     """
-    scene, states, controls = record(Case(name, seed, refine=1), 30, [20])
-    cell = CellSheet(scene, factors, dtype=dtype)
-    pairs = zip(
-        *(replay(b, states[20], controls[20:]) for b in (cell, ExplicitSolver(scene, dtype=dtype))), strict=True
-    )
-    found = [100 * vertex_error(scene, own, other) for (own, _), (other, _) in pairs]
+    run = Case(name, seed, truth="plain").record(30, [20])
+    solvers = CellSheet(run.scene, factors, dtype=dtype), ExplicitSolver(run.scene, dtype=dtype)
+    pairs = zip(*(replay(solver, run.states[20], run.controls[20:]) for solver in solvers), strict=True)
+    length = run.scene.grid.length
+    found = [float(vertex_error(own.positions, other.positions, length).mean[0]) for (own, _), (other, _) in pairs]
     return [float(f"{found[frame - 1]:.2g}") for frame in (1, 5, 10)]

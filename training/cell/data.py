@@ -7,10 +7,9 @@ gradient descent sees exactly the loss that it would see on the states.
 
 from __future__ import annotations
 
-import hashlib
-import os
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import repeat
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,7 +20,8 @@ from cloth_envs.physics.particles.solver import NEIGHBOURS, ParticleSolver, net_
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
-from training.bench.truth import cache_folder
+from training.cache import cache_folder, cached_arrays, digest
+from training.rollouts import replay
 
 # name -> scene and preset. The paper trains on the first two and tests on the others.
 CASES = {
@@ -55,10 +55,8 @@ def case(name: str) -> Case:
 def animation(given: Case, steps: int) -> Iterator[State]:
     """The state before every one of ``steps`` steps of the particles' own length, float64."""
     solver = ParticleSolver(replace(given.scene, frame_dt=net_of(given.scene).sim_dt), dtype="float64")
-    solver.reset(given.start)
-    for _ in range(steps):
-        yield solver.state
-        solver.advance(given.controls)
+    yield given.start
+    yield from (state for state, _ in replay(solver, given.start, repeat(given.controls, steps - 1)))
 
 
 class Links(NamedTuple):
@@ -117,6 +115,11 @@ def accelerations(scene: Scene, state: State) -> np.ndarray:
     return ((after - state.velocities) / net.sim_dt)[0].reshape(3, -1)
 
 
+def free_vertices(scene: Scene) -> np.ndarray:
+    """Numbers of the vertices that no handle drives."""
+    return np.setdiff1d(np.arange(scene.grid.vertices), np.array(scene.handles, int))
+
+
 class Sums(NamedTuple):
     """Per state, ``[A; a] [A; a]^T`` ``(T, 40, 40)`` of the design ``A`` and the accelerations ``a`` [m^2/s^4].
 
@@ -135,30 +138,25 @@ def sums(name: str, states: int, vertices: int, folder: Path | None = None) -> S
         states: at most ``STEPS``.
         vertices: of the free ones, drawn anew for every state and weighted up to all.
     """
-    given, rng = case(name), np.random.default_rng(0)
-    key = hashlib.sha256(repr((given.scene, states, vertices, STEPS, EPS)).encode() + given.start.positions.tobytes())
-    path = cache_folder(folder).parent / "physics_cnn" / f"{name}_{key.hexdigest()[:16]}.npz"
-    if not path.is_file():
-        rows, cols = given.scene.grid.shape
-        pins = np.array(given.scene.handles, int)
-        moving = np.setdiff1d(np.arange(rows * cols), pins)
-        at_pins = links(rows, cols, pins)
+    given = case(name)
+    key = digest(given.scene, states, vertices, STEPS, EPS, given.start.positions)
+
+    def make() -> dict[str, np.ndarray]:
+        rng, shape = np.random.default_rng(0), given.scene.grid.shape
+        moving, pins = free_vertices(given.scene), np.array(given.scene.handles, int)
         chosen = set(np.linspace(0, STEPS - 1, states).round().astype(int).tolist())
-        found: list[tuple[np.ndarray, np.ndarray]] = []
+        found = []
         for step, state in enumerate(tqdm(animation(given, STEPS), total=STEPS, desc=name, disable=None)):
             if step not in chosen:
                 continue
             x, v = (a[0].reshape(3, -1) for a in (state.positions, state.velocities))
             a = accelerations(given.scene, state)
-            drawn = rng.choice(moving, vertices, replace=False)
-            parts = []
-            for at, weight in ((links(rows, cols, drawn), len(moving) / vertices), (at_pins, 1.0)):
+            drawn, parts = rng.choice(moving, vertices, replace=False), []
+            for at, weight in ((links(*shape, drawn), len(moving) / vertices), (links(*shape, pins), 1.0)):
                 block = np.concatenate([design(x, v, at), a[:, at.vertices].reshape(1, -1)])
                 parts.append(weight * (block @ block.T))
-            found.append((parts[0], parts[1]))
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(f".{os.getpid()}.part.npz")
-        np.savez(part, free=np.stack([f for f, _ in found]), pinned=np.stack([p for _, p in found]))
-        part.replace(path)
-    with np.load(path) as file:
-        return Sums(file["free"], file["pinned"])
+            found.append(parts)
+        free, pinned = zip(*found, strict=True)
+        return {"free": np.stack(free), "pinned": np.stack(pinned)}
+
+    return Sums(**cached_arrays(cache_folder("physics_cnn", folder) / f"{name}_{key}.npz", make))

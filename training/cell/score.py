@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
 
-from cloth_envs.physics.particles.solver import mass_spring_cell, net_of
+from cloth_envs.physics.particles.solver import Cell, mass_spring_cell, net_of
+from cloth_envs.state import State
 from surrogates.cell.compiled import CellNet, dimensional
-from training.physics_cnn_data import STEPS, case
+from training.cell.data import STEPS, case, free_vertices
+from training.rollouts import replay
 
 NUDGE = 1e-9  # m, the size of the disturbance that tells how chaotic an animation is
 
@@ -39,30 +42,26 @@ def errors(name: str, runs: Mapping[str, Run], steps: int = STEPS) -> dict[str, 
     """
     given = case(name)
     dt, law = net_of(given.scene).sim_dt, mass_spring_cell(given.scene)
-    scene = replace(given.scene, frame_dt=dt)
-    truth = CellNet(scene, law, dtype="float64")
-    truth.reset(given.start)
-    solvers: dict[str, CellNet] = {}
+    scene, free = replace(given.scene, frame_dt=dt), free_vertices(given.scene)
+
+    def positions(law: Cell, dtype: str, start: State) -> Iterator[np.ndarray]:
+        solver = CellNet(scene, law, dtype=dtype)
+        return (state.positions for state, _ in replay(solver, start, repeat(given.controls, steps)))
+
+    animations = {}
     for run, (arrays, dtype, nudge) in runs.items():
-        solvers[run] = CellNet(scene, law if arrays is None else dimensional(scene, arrays), dtype=dtype)
         start = given.start.copy()
-        free = np.setdiff1d(np.arange(scene.grid.vertices), np.array(scene.handles, int))
         push = nudge * np.random.default_rng(1).normal(size=(1, 3, len(free)))
         start.positions.reshape(1, 3, -1)[..., free] += push
-        solvers[run].reset(start)
-    largest = {run: np.zeros(steps) for run in runs}
-    mean: dict[str, float] = {}
-    for step in range(steps):
-        want = truth.advance(given.controls).positions
-        for run, solver in solvers.items():
-            gap = solver.advance(given.controls).positions - want
-            largest[run][step] = abs(gap).max()
-            if step == steps - 1:
-                mean[run] = float(np.sqrt((gap**2).sum(1)).mean())
-    quarter, half = (min(steps, round(t / dt)) for t in (0.25, 0.5))
-
-    def percent(run: str) -> Error:
-        first, second, third = (100 * float(largest[run][:end].max()) for end in (quarter, half, steps))
-        return Error(first, second, third, 100 * mean[run])
-
-    return {run: percent(run) for run in runs}
+        animations[run] = positions(law if arrays is None else dimensional(scene, arrays), dtype, start)
+    largest: dict[str, list[float]] = {run: [] for run in runs}
+    gaps: dict[str, np.ndarray] = {}
+    for truth, *found in zip(positions(law, "float64", given.start), *animations.values(), strict=True):
+        for run, x in zip(runs, found, strict=True):
+            gaps[run] = x - truth
+            largest[run].append(float(abs(gaps[run]).max()))
+    ends = [min(steps, round(t / dt)) for t in (0.25, 0.5)] + [steps]
+    mean = {run: float(np.sqrt((gap**2).sum(1)).mean()) for run, gap in gaps.items()}
+    return {
+        run: Error._make([*(100 * max(sizes[:end]) for end in ends), 100 * mean[run]]) for run, sizes in largest.items()
+    }

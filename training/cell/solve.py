@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from time import process_time
 
 import numpy as np
 import torch
 from scipy.linalg import lstsq
 from scipy.optimize import differential_evolution
-from tqdm import tqdm
 
 from cloth_envs.physics.particles.solver import NEIGHBOURS, Cell, net_of
 from surrogates.cell.stencil import BRANCHES, StencilCell
-from training.physics_cnn_data import EPS, STEPS, Sums, accelerations, animation, case, design, links
+from training.cell.data import EPS, STEPS, Sums, accelerations, animation, case, design, free_vertices, links
+from training.fit import Kept, Rate, cosine, fit, halved
+from training.recipes.cell import Stage
 
 COUNT = len(NEIGHBOURS)
+SCHEDULES: dict[str, Callable[[float, int], Rate]] = {"step": halved, "cosine": cosine}
 DECADES = 8.0  # of the scales that differential evolution looks through, 1e-1 to 1e7 per kg
 
 
@@ -40,8 +42,7 @@ def rows(
     rng, found = np.random.default_rng(1), []
     for name in names:
         given = case(name)
-        shape = given.scene.grid.shape
-        moving = np.setdiff1d(np.arange(shape[0] * shape[1]), np.array(given.scene.handles, int))
+        shape, moving = given.scene.grid.shape, free_vertices(given.scene)
         chosen = set(np.linspace(steps // (2 * states), steps - 1, states).round().astype(int).tolist())
         for step, state in enumerate(animation(given, steps)):
             if step in chosen:
@@ -115,54 +116,36 @@ def branch_scales(
     return tuple(value(best.x)[:4].tolist()), process_time() - start
 
 
-@dataclass(frozen=True)
-class Stage:
-    """A stretch of training: Adam from ``rate``, over ``epochs``, by ``schedule`` (``"step"`` or ``"cosine"``).
-
-    ``branches`` are trained, the others stay frozen.
-    """
-
-    rate: float
-    epochs: int
-    schedule: str
-    branches: tuple[str, ...] = BRANCHES
-
-    def __str__(self) -> str:
-        frozen = "" if self.branches == BRANCHES else f" of {', '.join(self.branches)} alone"
-        return f"{self.epochs} epochs from {self.rate:g}, {self.schedule}{frozen}"
-
-
 def numbers_of(cell: StencilCell) -> torch.Tensor:
     """All parameters in the order of ``design``."""
     return torch.cat(cell.branches())
 
 
-def train(cell: StencilCell, loss: Loss, stage: Stage, *, batch: int = 256, seed: int = 0) -> tuple[float, float]:
+def train(
+    cell: StencilCell, loss: Loss, stage: Stage, *, batch: int = 256, seed: int = 0, kept: Kept | None = None
+) -> tuple[float, float]:
     """Adam on batches of whole states, ``cell`` (of float64) changed in place; the loss after it and the seconds."""
-    start, rng = process_time(), np.random.default_rng(seed)
-    upper = np.triu_indices(loss.forms.shape[1])
+    rng, upper = np.random.default_rng(seed), np.triu_indices(loss.forms.shape[1])
     flat = loss.forms[:, upper[0], upper[1]]
     for name, parameter in cell.named_parameters():
         parameter.requires_grad_(name in stage.branches)
-    optimizer = torch.optim.Adam([p for p in cell.parameters() if p.requires_grad], stage.rate)
-    scheduler: torch.optim.lr_scheduler.LRScheduler
-    if stage.schedule == "step":
-        scheduler = torch.optim.lr_scheduler.StepLR(optimizer, max(1, stage.epochs // 10), 0.5)
-    else:
-        scheduler = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, stage.epochs)
     parts = len(flat) // batch
-    for _ in tqdm(range(stage.epochs), desc=str(stage), disable=None):
-        pick = np.zeros((parts, len(flat)))
-        order = rng.permutation(len(flat))[: parts * batch].reshape(parts, batch)
-        np.put_along_axis(pick, order, 1.0 / batch, 1)
-        forms = np.zeros((parts, *loss.forms.shape[1:]))
-        forms[:, upper[0], upper[1]] = pick @ flat
-        for form in torch.from_numpy(forms):
-            optimizer.zero_grad()
-            full = torch.cat([numbers_of(cell), -torch.ones(1, dtype=form.dtype)])
-            # The lower triangle is left out: a form's value from its upper one.
-            value = 2 * full @ form @ full - (full * full * form.diagonal()).sum()
-            value.backward()
-            optimizer.step()
-        scheduler.step()
-    return loss(numbers_of(cell).detach().numpy()), process_time() - start
+    epoch = torch.zeros((parts, *loss.forms.shape[1:]), dtype=torch.float64)
+
+    def value(step: int) -> torch.Tensor:
+        if step % parts == 0:
+            pick = np.zeros((parts, len(flat)))
+            order = rng.permutation(len(flat))[: parts * batch].reshape(parts, batch)
+            np.put_along_axis(pick, order, 1.0 / batch, 1)
+            epoch[:, upper[0], upper[1]] = torch.from_numpy(pick @ flat)
+        form = epoch[step % parts]
+        full = torch.cat([numbers_of(cell), -torch.ones(1, dtype=form.dtype)])
+        # The lower triangle is left out: a form's value from its upper one.
+        return 2 * full @ form @ full - (full * full * form.diagonal()).sum()
+
+    rate = SCHEDULES[stage.schedule](stage.rate, stage.epochs)
+    steps = stage.epochs * parts
+    if kept is not None:  # only between epochs, whose batches are drawn at once
+        kept = replace(kept, every=parts * -(-kept.every // parts))
+    seconds = fit(cell, value, steps, lambda step: rate(step // parts), label=str(stage), kept=kept, rng=rng)
+    return loss(numbers_of(cell).detach().numpy()), seconds
