@@ -1,4 +1,4 @@
-"""Pictures of seed 000's figures 10, 11, 12 and 15: the teacher's cloth beside those that it is compared with."""
+"""Pictures of figures 10, 11, 12 and 15 of Lee 2019: the teacher's cloth beside those that it is compared with."""
 
 from __future__ import annotations
 
@@ -10,16 +10,9 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from cloth_envs.state import State
-from training.bench.papers.published_runs import (
-    HISTORY,
-    Run,
-    decimated,
-    miniature,
-    teacher,
-    unscaled,
-    upscalers,
-)
+from training.bench.papers.runs import HISTORY, decimated, miniature, teacher, unscaled, upscalers
 from training.recipes.upscaler import work_folder
+from training.rollouts import Recording
 
 # Scene, the preset's options, how many frames.
 SHOWN: tuple[tuple[str, dict[str, float], int], ...] = (
@@ -38,7 +31,7 @@ COLUMNS = (
 SIZE, TITLE = (300, 225), 22  # pixels
 
 
-def positions(run: Run, frames: int) -> list[np.ndarray]:
+def positions(run: Recording, frames: int) -> list[np.ndarray]:
     """The cloth ``(1, 3, H, W)`` of each column after ``frames`` frames."""
     up = upscalers(run, 2, ("bicubic", "hdnn", "fc"), work_folder() / "weights")
     alone, real, oracle = (

@@ -1,17 +1,16 @@
-"""Charts of seed 000's comparisons, drawn from rows only: errors by frame (figs. 9-12), and variants (figs. 13-15)."""
+"""Charts beside Lee 2019, drawn from rows only: errors by frame (figs. 9-12), and variants (figs. 13-15)."""
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from cloth_envs.style import INK, import_figure
-from training.bench.papers.published import TABLE_7, Point, Row
-from training.bench.papers.published_runs import UNSCALED
-from training.bench.speed_accuracy.chart import SHADE, SOFT, WIDTH, dress
-from training.recipes.upscaler import SCENES
+from training.bench.charts import SHADE, WIDTH, dress, legend, save
+from training.bench.papers.published import TABLE_7
+from training.bench.papers.rows import FrameErrorRow, PublishedRow
+from training.bench.papers.runs import UNSCALED
 
 # method -> name, colour (Okabe & Ito 2008), marker, line. Other upscalers take what is left.
 LOOKS: dict[str, tuple[str, str, str, str]] = {
@@ -25,6 +24,7 @@ LOOKS: dict[str, tuple[str, str, str, str]] = {
 }
 WIDE = {"bicubic": 3.0, "hdnn": 2.0, "fc": 1.0}  # so that lines that coincide are seen
 NUDGED = "teacher nudged"
+VARIED = {"fig13": "mass [kg]", "fig14": "spring [N/m]", "fig15": "wind [m/s]"}
 PANEL = 2.1  # inches, height of a panel
 NOTE_FRAMES = (
     "Left: the teacher's own positions, down-sampled and upscaled. Right: the miniature runs by itself from the same "
@@ -39,11 +39,20 @@ NOTE_VARIED = (
 )
 
 
-def frames(points: Sequence[Point], paths: Sequence[Path]) -> None:
+def draw(rows: Mapping[str, Sequence[Any]], folder: Path, setup: str) -> None:
+    """Both, as far as there are rows."""
+    if rows.get("published_frames"):
+        frames(rows["published_frames"], folder)
+    if any(r.table in VARIED for r in rows.get("published", ())):
+        variants(rows["published"], folder)
+
+
+def frames(points: Sequence[FrameErrorRow], folder: Path) -> None:
     """A row a scene: the error by frame with oracle inputs and in a free run."""
-    figure, panels = _grid(len(SCENES), 2)
+    scenes = list(dict.fromkeys(p.scene for p in points))
+    figure, panels = _grid(len(scenes), 2)
     handles: dict[str, Any] = {}
-    for row, scene in zip(panels, SCENES, strict=True):
+    for row, scene in zip(panels, scenes, strict=True):
         mine = [p for p in points if p.scene == scene]
         top, bottom = max(p.error for p in mine), min(p.error for p in mine if p.method in LOOKS and p.frame > 1)
         for axes, protocol in zip(row, ("oracle", "free"), strict=True):
@@ -65,20 +74,21 @@ def frames(points: Sequence[Point], paths: Sequence[Path]) -> None:
         row[0].set_ylabel("mean vertex error [m]", fontsize=7.5, color=INK)
     for axes in panels[-1]:
         axes.set_xlabel("frame", fontsize=7.5, color=INK)
-    _finish(figure, handles, NOTE_FRAMES, paths)
+    legend(figure, handles, (), "outside upper center", 3)
+    save(figure, NOTE_FRAMES, folder, "published_frames")
 
 
-def variants(rows: Sequence[Row], paths: Sequence[Path]) -> None:
+def variants(rows: Sequence[PublishedRow], folder: Path) -> None:
     """Errors when mass, spring constant (a row a scene) and the flag's wind are changed."""
-    figure, panels = _grid(len(SCENES), 3)
+    longest = max(r.frames for r in rows if r.table in VARIED)
+    free = [r for r in rows if r.table in VARIED and r.measure == "error" and r.frames == longest]
+    scenes = list(dict.fromkeys(r.scene for r in free))
+    figure, panels = _grid(len(scenes), 3)
     handles: dict[str, Any] = {}
-    shown = {"fig13": "mass [kg]", "fig14": "spring [N/m]", "fig15": "wind [m/s]"}
-    longest = max(r.frames for r in rows if r.table in shown)
-    free = [r for r in rows if r.table in shown and r.measure == "error" and r.frames == longest]
-    for row, scene in zip(panels, SCENES, strict=True):
+    for row, scene in zip(panels, scenes, strict=True):
         mine = [r for r in free if r.scene == scene]
         ends = min(r.value for r in mine if r.method in LOOKS), max(r.value for r in mine)
-        for axes, (table, label) in zip(row, shown.items(), strict=True):
+        for axes, (table, label) in zip(row, VARIED.items(), strict=True):
             if table == "fig15" and scene != "Flag":
                 axes.set_axis_off()
                 continue
@@ -103,21 +113,11 @@ def variants(rows: Sequence[Row], paths: Sequence[Path]) -> None:
             dress(axes, f"{scene}, {label}")
             axes.set_xticks(range(len(values)), [value.split("=")[1] for value in values])
         row[0].set_ylabel("mean vertex error [m]", fontsize=7.5, color=INK)
-    _finish(figure, handles, NOTE_VARIED, paths)
+    legend(figure, handles, (), "outside upper center", 3)
+    save(figure, NOTE_VARIED, folder, "published_variants")
 
 
 def _grid(rows: int, columns: int) -> tuple[Any, Any]:
     figure = import_figure()(figsize=(WIDTH, PANEL * rows + 0.7), layout="constrained")
     figure.get_layout_engine().set(hspace=0.05, wspace=0.04)
     return figure, figure.subplots(rows, columns, squeeze=False)
-
-
-def _finish(figure: Any, handles: dict[str, Any], note: str, paths: Sequence[Path]) -> None:
-    names = list(handles)
-    figure.legend(
-        [handles[name] for name in names], names, loc="outside upper center", ncols=3, frameon=False, fontsize=7.5,
-        handlelength=3, labelcolor=INK,
-    )  # fmt: skip
-    figure.text(0.01, -0.01, "\n".join(textwrap.wrap(note, 140)), fontsize=7, color=SOFT, va="top", linespacing=1.35)
-    for path in paths:
-        figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.1, facecolor="white")

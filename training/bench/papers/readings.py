@@ -11,23 +11,24 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from training.bench.papers.published_runs import Run, by_frame, miniature, nudged, teacher, upscaled, upscalers
+from training.bench.papers.runs import by_frame, cloths, miniature, nudged, teacher, upscaled, upscalers
+from training.rollouts import Recording
 
 # Bending springs, the wind's coefficient along the cloth, wind speed [m/s]. The first flag is ours.
 READINGS: list[dict[str, float]] = [
     *({"bending": b, "tangential": t} for b in (0.25, 0.0, 0.0625, 1.0) for t in (0.2, 0.0, 0.1, 0.3, 0.4)),
     *({"wind": w, "bending": b, "tangential": t} for b, t in ((0.25, 0.2), (0.0, 0.1)) for w in (3.0, 6.0, 9.0)),
 ]
-STARTS = (0.4, 0.45, 0.5, 0.55, 0.6)  # rad from downwind; the preset's own is the middle one
+ACROSS = (0.4, 0.45, 0.5, 0.55, 0.6)  # rad from downwind, where readings start; the preset's own is the middle one
 
 
 def measured(options: Mapping[str, float], frames: int) -> dict[tuple[str, str], float]:
-    """``(method, measure)`` -> mean over ``STARTS``, of the preset with these options; ``"worst"``: the worst error."""
+    """``(method, measure)`` -> mean over ``ACROSS``, of the flag with these options; ``"worst"``: the worst error."""
     found: dict[tuple[str, str], list[float]] = {}
-    for across in STARTS:
+    for across in ACROSS:
         run = teacher("Flag", frames, options, across=across)
         up = upscalers(run, 2, ("bicubic",))["bicubic"]
-        errors = by_frame(upscaled(run, up, miniature(run, 2, 0, frames), 2), run.positions)
+        errors = by_frame(upscaled(run, up, miniature(run, 2, 0, frames), 2), cloths(run))
         found.setdefault(("bicubic", "error"), []).append(float(errors.mean()))
         found.setdefault(("teacher nudged", "error"), []).append(float(nudged(run).mean()))
         for name, value in motion(run).items():
@@ -36,16 +37,16 @@ def measured(options: Mapping[str, float], frames: int) -> dict[tuple[str, str],
     return {key: float(np.mean(values)) for key, values in found.items()} | {("bicubic", "worst"): worst}
 
 
-def motion(run: Run) -> dict[str, float]:
+def motion(run: Recording) -> dict[str, float]:
     """How a flag flies in the second half of a run, to tell one that waves from one that only hangs.
 
     ``"fly"`` [m] is how far its free edge is from the pole, horizontally; ``"waves"`` [m] the root mean square
     distance of the outer quarter's vertices from their means; ``"speed"`` [m/s] that of all velocities.
     """
     half = len(run.controls) // 2
-    late = run.positions[half:].astype(np.float64)
+    late = cloths(run)[half:].astype(np.float64)
     outer = late[..., -(late.shape[-1] // 4 + 1) :]
-    velocities = np.concatenate([state.velocities for state in run.states[1 + half :]]).astype(np.float64)
+    velocities = np.concatenate([run.states[k].velocities for k in range(1 + half, len(run.states))]).astype(np.float64)
     return {
         "fly": float(np.hypot(late[:, 0, :, -1], late[:, 1, :, -1]).mean()),
         "waves": float(np.sqrt(((outer - outer.mean(0)) ** 2).sum(1).mean())),
