@@ -136,7 +136,8 @@ def retime(scene: Scene, start: State, controls: Sequence[Controls], factor: flo
         return [_mixed(group) for group in groups]
     n, out = round(1 / factor), []
     flat = [a.reshape(1, 3, -1)[..., list(scene.handles)] for a in (start.positions, start.velocities)]
-    before = (*(a.transpose(0, 2, 1) for a in flat), start.colliders, start.collider_velocities)
+    x, v = (a.transpose(0, 2, 1) for a in flat)
+    before = x, v, start.colliders, start.collider_velocities
     for control in controls:
         after = control.handle_positions, control.handle_velocities, control.colliders, control.collider_velocities
         for part in range(1, n + 1):
