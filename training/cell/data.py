@@ -7,7 +7,7 @@ gradient descent sees exactly the loss that it would see on the states.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import repeat
 from pathlib import Path
@@ -120,6 +120,26 @@ def free_vertices(scene: Scene) -> np.ndarray:
     return np.setdiff1d(np.arange(scene.grid.vertices), np.array(scene.handles, int))
 
 
+class Sample(NamedTuple):
+    """A state ``x``, ``v``, what the simulator adds to ``v`` (all ``(3, N)``), and some of the free particles."""
+
+    x: np.ndarray
+    v: np.ndarray
+    accelerations: np.ndarray
+    drawn: np.ndarray
+
+
+def samples(
+    given: Case, steps: int, chosen: Iterable[int], vertices: int, rng: np.random.Generator
+) -> Iterator[Sample]:
+    """The ``chosen`` of ``steps`` states of an animation, and ``vertices`` particles, drawn anew for every one."""
+    wanted, moving = set(chosen), free_vertices(given.scene)
+    for step, state in enumerate(tqdm(animation(given, steps), total=steps, desc=given.scene.name, disable=None)):
+        if step in wanted:
+            x, v = (a[0].reshape(3, -1) for a in (state.positions, state.velocities))
+            yield Sample(x, v, accelerations(given.scene, state), rng.choice(moving, vertices, replace=False))
+
+
 class Sums(NamedTuple):
     """Per state, ``[A; a] [A; a]^T`` ``(T, 40, 40)`` of the design ``A`` and the accelerations ``a`` [m^2/s^4].
 
@@ -142,20 +162,15 @@ def sums(name: str, states: int, vertices: int, folder: Path | None = None) -> S
     key = digest(given.scene, states, vertices, STEPS, EPS, given.start.positions)
 
     def make() -> dict[str, np.ndarray]:
-        rng, shape = np.random.default_rng(0), given.scene.grid.shape
-        moving, pins = free_vertices(given.scene), np.array(given.scene.handles, int)
-        chosen = set(np.linspace(0, STEPS - 1, states).round().astype(int).tolist())
-        found = []
-        for step, state in enumerate(tqdm(animation(given, STEPS), total=STEPS, desc=name, disable=None)):
-            if step not in chosen:
-                continue
-            x, v = (a[0].reshape(3, -1) for a in (state.positions, state.velocities))
-            a = accelerations(given.scene, state)
-            drawn, parts = rng.choice(moving, vertices, replace=False), []
-            for at, weight in ((links(*shape, drawn), len(moving) / vertices), (links(*shape, pins), 1.0)):
+        shape, pins = given.scene.grid.shape, np.array(given.scene.handles, int)
+        share = (given.scene.grid.vertices - len(pins)) / vertices
+        found: list[list[np.ndarray]] = []
+        chosen = np.linspace(0, STEPS - 1, states).round().astype(int).tolist()
+        for x, v, a, drawn in samples(given, STEPS, chosen, vertices, np.random.default_rng(0)):
+            found.append([])
+            for at, weight in ((links(*shape, drawn), share), (links(*shape, pins), 1.0)):
                 block = np.concatenate([design(x, v, at), a[:, at.vertices].reshape(1, -1)])
-                parts.append(weight * (block @ block.T))
-            found.append(parts)
+                found[-1].append(weight * (block @ block.T))
         free, pinned = zip(*found, strict=True)
         return {"free": np.stack(free), "pinned": np.stack(pinned)}
 

@@ -8,12 +8,12 @@ from time import process_time
 
 import numpy as np
 import torch
-from scipy.linalg import lstsq
 from scipy.optimize import differential_evolution
 
 from cloth_envs.physics.particles.solver import NEIGHBOURS, Cell, net_of
 from surrogates.cell.stencil import BRANCHES, StencilCell
-from training.cell.data import EPS, STEPS, Sums, accelerations, animation, case, design, free_vertices, links
+from training.cell.data import EPS, STEPS, Sums, case, design, links, samples
+from training.cell.sheets import solve
 from training.fit import Kept, Rate, cosine, fit, halved
 from training.recipes.cell import Stage
 
@@ -42,23 +42,16 @@ def rows(
     rng, found = np.random.default_rng(1), []
     for name in names:
         given = case(name)
-        shape, moving = given.scene.grid.shape, free_vertices(given.scene)
-        chosen = set(np.linspace(steps // (2 * states), steps - 1, states).round().astype(int).tolist())
-        for step, state in enumerate(animation(given, steps)):
-            if step in chosen:
-                at = links(*shape, rng.choice(moving, vertices, replace=False))
-                x, v = (a[0].reshape(3, -1) for a in (state.positions, state.velocities))
-                wanted = accelerations(given.scene, state)[:, at.vertices].ravel()
-                found.append((design(x, v, at, vector=vector), wanted))
+        chosen = np.linspace(steps // (2 * states), steps - 1, states).round().astype(int).tolist()
+        for x, v, a, drawn in samples(given, steps, chosen, vertices, rng):
+            found.append((design(x, v, links(*given.scene.grid.shape, drawn), vector=vector), a[:, drawn].ravel()))
     return np.concatenate([a for a, _ in found], 1), np.concatenate([b for _, b in found])
 
 
 def least_squares(given: tuple[np.ndarray, np.ndarray]) -> Fit:
     """The closed form: columns scaled to one size, then a singular value decomposition."""
-    start, (columns, wanted) = process_time(), given
-    size = np.sqrt((columns**2).mean(1))
-    numbers = lstsq((columns / size[:, None]).T, wanted)[0] / size
-    return Fit(numbers, process_time() - start)
+    start = process_time()
+    return Fit(solve(*given), process_time() - start)
 
 
 @dataclass(frozen=True)
