@@ -114,7 +114,7 @@ def test_a_shifted_copy_is_caught_by_the_error(curtain: Stage, true: tuple[Run, 
 
 
 def test_rows_that_part_and_meet_are_strained(curtain: Stage, true: tuple[Run, Run]) -> None:
-    """Rows by turns a twentieth of their distance higher and lower: edges are a tenth too long, no vertex is far off."""
+    """Rows by turns a twentieth of their distance higher and lower: edges a tenth too long, no vertex far off."""
     grid = curtain.scene.grid
     up = 0.05 * grid.row_spacing * np.where(np.arange(grid.rows) % 2, -1, 1)[:, None]  # 0 on the mean of the areas
     found = scored(Replay(true[0], up, axis=2), curtain, true)

@@ -121,6 +121,21 @@ Array gusty_wind(Tones tones, Numbers time, Numbers speed, Numbers heading, doub
   return out;
 }
 
+// The mean of x[second] - x[first] over pairs of vertices, (B, 3).
+template <class T>
+Array mean_span(Cloth<T> x, Vertices first, Vertices second) {
+  const std::size_t batch = x.shape(0), n = x.shape(2) * x.shape(3), count = first.shape(0);
+  if (second.shape(0) != count) throw nb::value_error("first and second must be as many");
+  Array out = fresh({batch, 3});
+  for (std::size_t row = 0; row < 3 * batch; ++row) {
+    const T* axis = x.data() + row * n;
+    double sum = 0;
+    for (std::size_t i = 0; i < count; ++i) sum += double(axis[second.data()[i]]) - axis[first.data()[i]];
+    out.data()[row] = sum / double(count);
+  }
+  return out;
+}
+
 // Moves the handles (B, N, 3) of Controls: axis k of handle i takes share (i, k) of moved and reached (B, n).
 void carry(Out<double, 3> handles, Out<double, 3> velocities, Pairs<double> moved, Pairs<double> reached,
            Pairs<double> share) {
@@ -252,6 +267,7 @@ Fresh<float> columns(nb::args parts) {
 template <class T>
 void bind(nb::module_& m) {
   m.def("hold", &hold<T>, "The arrays of Controls that bring every handle and body to rest where it is.");
+  m.def("mean_span", &mean_span<T>, "The mean of x[second] - x[first] over pairs of vertices, (B, 3).");
   m.def("loop_area", &loop_area<T>, "The area vector of a closed line through some vertices, (B, 3) [m^2].");
   m.def("largest_stretch", &largest_stretch<T>, "The largest length over rest length of some pairs of vertices, (B,).");
   m.def("mean_point", &mean_point<T>, "The mean of some vertices of (B, 3, H, W), (B, 3), float64.");

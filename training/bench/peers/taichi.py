@@ -18,6 +18,7 @@ import taichi as ti
 
 from cloth_envs.physics.explicit.stability import stable_step
 from cloth_envs.physics.laws.stencil import edges
+from cloth_envs.scene import Wind
 from training.bench.peers.scenes import Peer, Setup
 
 PAD = 2  # vertices of no stiffness around the grid: no neighbour is missing
@@ -57,9 +58,8 @@ class TaichiCloth(Peer):
         self.own = ((0, 1, 0, b), (1, 0, 1, a), (1, 1, 2, grid.diagonal), (1, -1, 3, grid.diagonal))
         self.damping = material.damping
         self.gravity, self.drag = scene.gravity, material.drag if scene.drag else 0.0
-        air = scene.wind
-        self.windy = air is not None
-        self.normal, self.tangential = (air.air_density * c for c in (air.normal, air.tangential)) if air else (0, 0)
+        self.windy, air = scene.wind is not None, scene.wind or Wind()
+        self.normal, self.tangential = air.air_density * air.normal, air.air_density * air.tangential
         body = scene.colliders[0] if scene.colliders else None
         self.body = body is not None
         self.radius, self.friction = (body.radius + scene.thickness, body.friction) if body else (0.0, 0.0)
