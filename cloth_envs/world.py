@@ -26,7 +26,7 @@ VELOCITY_BOUND = 100.0  # m/s
 
 
 class World:
-    """``num_envs`` episodes of one scene on one backend.
+    """``num_envs`` episodes of one scene, by its name or its task's class, on one backend.
 
     Attributes:
         controls: what the last ``step`` gave to the backend; None before the first.
@@ -38,7 +38,7 @@ class World:
 
     def __init__(
         self,
-        scene: str,
+        scene: str | type[Task],
         *,
         num_envs: int = 1,
         backend: str = "reference",
@@ -51,7 +51,10 @@ class World:
     ) -> None:
         if obs not in OBSERVATIONS:
             raise unknown_name("observation", obs, OBSERVATIONS)
-        task_class = load_task(scene) if preset is None else load_preset(scene, preset)
+        if not isinstance(scene, str):
+            task_class = scene
+        else:
+            task_class = load_task(scene) if preset is None else load_preset(scene, preset)
         for name, value in {"material": material, "randomize": randomize, "resolution": resolution}.items():
             if value and name in task_class.fixed:
                 raise ValueError(f"preset={preset!r} fixes the {name}: leave {name}= out")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,9 +25,11 @@ from surrogates.checkpoint import WEIGHTS, load
 from surrogates.miniature.backend import MiniatureBackend
 from surrogates.miniature.coarse import coarse_grid
 from surrogates.upscale.local import Local, Ridge, weights_name
-from training.local_data import cached, pairs, simulate, small, varied
+from training.fit import Kept
+from training.local.data import cached, pairs, simulate, small, varied
+from training.local.train import SHOWN, centred, errors, fit_net, fit_ridge
 from training.metrics.contact import inside
-from training.train_local import SHOWN, Recipe, centred, errors, fit_net, fit_ridge
+from training.recipes.local import Recipe
 
 METHODS = (Local, Ridge)
 NAMES = tuple(kind.method for kind in METHODS)
@@ -128,7 +132,7 @@ def test_a_tiny_net_descends_from_bicubic_on_what_it_learns_from(data: dict[str,
     recipe = Recipe(hidden=(12, 12, 12), patches=50_000, steps=400, batch=512)
     own = data["train"]
     chosen, coarse = pairs(own, 2, recipe.patches), small(own.scene, 2)
-    net = centred(fit_net(chosen, 2, recipe, tmp_path / "net.pt"), coarse)
+    net = centred(fit_net(chosen, 2, recipe, Kept(tmp_path / "net.pt", "")), coarse)
     before, after = errors(own, 2, None), errors(own, 2, Local(coarse, own.scene, 2, arrays=net))
     assert all(after[frame] < before[frame] for frame in map(str, SHOWN))
 
@@ -145,25 +149,18 @@ def test_the_linear_weights_are_the_optimum(data: dict[str, Any]) -> None:
     assert (np.abs(gradient) <= EPS * (np.abs(x).T @ np.abs(x) @ np.abs(found) + ridge * np.abs(found))).all()
 
 
-def test_a_stopped_training_goes_on(data: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import torch
-
+def test_a_stopped_training_goes_on(
+    data: dict[str, Any], tmp_path: Path, stopped: Callable[[int], AbstractContextManager[object]]
+) -> None:
     chosen = pairs(data["varied"], 2, 5_000)
-    recipe = Recipe(hidden=(4, 4, 4), steps=620, batch=64)
-    whole = fit_net(chosen, 2, recipe, tmp_path / "whole.pt")
-
-    def stop(*args: Any, **kwargs: Any) -> None:
-        save(*args, **kwargs)
-        raise KeyboardInterrupt
-
-    save = torch.save
-    monkeypatch.setattr(torch, "save", stop)
-    with pytest.raises(KeyboardInterrupt):
-        fit_net(chosen, 2, recipe, tmp_path / "part.pt")
-    monkeypatch.undo()
-    assert (tmp_path / "part.pt").is_file()
-    part = fit_net(chosen, 2, recipe, tmp_path / "part.pt")
-    assert not (tmp_path / "part.pt").exists()
+    recipe = Recipe(hidden=(4, 4, 4), steps=30, batch=64)
+    whole = fit_net(chosen, 2, recipe, Kept(tmp_path / "whole.pt", ""))
+    kept = Kept(tmp_path / "part.pt", "", every=10)
+    with stopped(25):
+        fit_net(chosen, 2, recipe, kept)
+    assert kept.path.is_file()
+    part = fit_net(chosen, 2, recipe, kept)
+    assert not kept.path.exists()
     for name, value in whole.items():
         np.testing.assert_array_equal(part[name], value)
 
@@ -172,7 +169,7 @@ def test_data_are_kept(data: dict[str, Any], tmp_path: Path) -> None:
     windows = data["varied"]
     assert {m.areal_density for m in windows.materials} != {windows.scene.material.areal_density}
     for make in (lambda: windows, lambda: None):
-        found = cached("Flag_test", tmp_path, make)
+        found = cached(windows.scene, tmp_path / "flag.npz", make)
         assert found.key == windows.key
         assert found.materials == windows.materials
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,12 +14,13 @@ import torch
 from cloth_envs.commands.cli import main as minicloth
 from surrogates import checkpoint
 from surrogates.upscale.mlp import Mlp
-from training import train_upscaler
-from training.dataset import Pairs, read, shards
+from training.fit import Kept
 from training.generate import Plan, generate
-from training.recipes.published import RECIPES, SCENES, SHAPES, Recipe
-from training.train_upscaler import Scaling, errors, train
+from training.recipes.upscaler import RECIPES, SCENES, SHAPES, Recipe, weights_name
+from training.upscaler.data import Pairs, read, shards
+from training.upscaler.train import Scaling, errors, train
 
+Stopped = Callable[[int], AbstractContextManager[object]]
 TINY = Recipe("Flag", layers=2, width=24, steps=6, batch=32)
 
 
@@ -66,18 +68,18 @@ def test_the_folded_network_is_the_trained_one(start: str, pairs: Callable[[bool
         assert np.abs(Mlp(scaling.fold(still))(x) - plain).max() <= passed
 
 
-def test_training_goes_on_where_it_stopped(tmp_path: Path, pairs: Callable[[bool], Pairs]) -> None:
-    whole, _ = train(TINY, pairs(False), tmp_path / "a.pt")
-    train(TINY, pairs(False), tmp_path / "b.pt", stop=2)
-    assert not list(tmp_path.glob("*.part"))
-    parts, _ = train(TINY, pairs(False), tmp_path / "b.pt")
+def test_training_goes_on_where_it_stopped(tmp_path: Path, pairs: Callable[[bool], Pairs], stopped: Stopped) -> None:
+    kept = {name: Kept(tmp_path / f"{name}.pt", repr(TINY), every=2) for name in "ab"}
+    whole, _ = train(TINY, pairs(False), kept["a"])
+    with stopped(3):
+        train(TINY, pairs(False), kept["b"])
+    assert torch.load(kept["b"].path)["done"] == 2
+    parts, _ = train(TINY, pairs(False), kept["b"])
     assert whole.keys() == parts.keys()
     for name, array in whole.items():
         np.testing.assert_array_equal(parts[name], array)
-    early, _ = train(TINY, pairs(False), tmp_path / "c.pt", stop=2)
+    early, _ = train(replace(TINY, steps=2), pairs(False), Kept(tmp_path / "c.pt", ""))
     assert np.abs(early["weight0"] - whole["weight0"]).max() > 0
-    with pytest.raises(ValueError, match="another recipe"):
-        train(replace(TINY, rate=1e-3), pairs(False), tmp_path / "a.pt")
 
 
 def test_training_descends_from_the_interpolation_that_it_starts_from(
@@ -88,7 +90,7 @@ def test_training_descends_from_the_interpolation_that_it_starts_from(
     """
     torch.set_num_threads(1)
     recipe = replace(TINY, width=48, steps=800, batch=256, rate=4e-3, start="bilinear")
-    arrays, _ = train(recipe, pairs(False), tmp_path / "tiny.pt")
+    arrays, _ = train(recipe, pairs(False), Kept(tmp_path / "tiny.pt", ""))
     for held in (False, True):
         card = errors(arrays, pairs(held))
         assert card["mse"] < card["linear mse"]
@@ -117,4 +119,4 @@ def test_recipes_cover_the_paper() -> None:
     wanted |= {Recipe(scene, factor) for scene in SCENES for factor in (2, 3, 4)}
     wanted |= {Recipe("Flag", features=features) for features in ("positions", "velocities", "frames")}
     assert wanted <= set(RECIPES.values())
-    assert train_upscaler.weights_name("fc-flag-2") == "fc_flag_2"
+    assert weights_name("fc-flag-2") == "fc_flag_2"
