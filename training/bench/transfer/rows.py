@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 from scipy.stats import t as student
@@ -27,9 +28,6 @@ class TrainingRow:
     weights: str
 
 
-TRAINING_KEY = ("scene", "rows", "cols", "policy", "repetition")
-
-
 @dataclass(frozen=True)
 class EpisodeRow:
     """Mean reward per frame of a policy on one held-out seed, on the backend ``scored_on``; ``failed`` is 0 or 1."""
@@ -43,9 +41,6 @@ class EpisodeRow:
     seed: int
     reward: float
     failed: int
-
-
-EPISODE_KEY = ("scene", "rows", "cols", "policy", "repetition", "scored_on", "seed")
 
 
 @dataclass(frozen=True)
@@ -74,6 +69,9 @@ class TransferRow:
     gap: float
     gap_half: float
     failed: int
+
+
+NUMBERS = [field.name for field in fields(TransferRow) if field.type == "float"]
 
 
 def half_width(seeds: np.ndarray, *trainings: np.ndarray) -> float:
@@ -107,36 +105,21 @@ def summaries(trainings: Sequence[TrainingRow], episodes: Sequence[EpisodeRow]) 
         own = scores.get((scene, policy, policy), there)
         best, nothing = scores[scene, REFERENCE, REFERENCE], scores[scene, ZERO, REFERENCE]
         scale = best.mean() - nothing.mean()
+        gap_half = half_width(there.mean(0) - best.mean(0), there.mean(1), best.mean(1)) / abs(scale)
+        gap = (there.mean() - best.mean()) / scale, gap_half if policy != REFERENCE else 0.0
         mine = [t for t in trainings if (t.scene, t.policy) == (scene, policy)]
-        flattery = own - there
-        numbers = {
-            "reference": there.mean(),
-            "reference_half": half_width(there.mean(0), there.mean(1)),
-            "own": own.mean(),
-            "own_half": half_width(own.mean(0), own.mean(1)),
-            "flattery": flattery.mean(),
-            "flattery_half": half_width(flattery.mean(0), flattery.mean(1)),
-            "gap": (there.mean() - best.mean()) / scale,
-            "gap_half": half_width(there.mean(0) - best.mean(0), there.mean(1), best.mean(1)) / abs(scale)
-            if policy != REFERENCE
-            else 0.0,
-            "wall_s": np.median([t.wall_s for t in mine]) if mine else 0.0,
-            "processor_s": np.median([t.processor_s for t in mine]) if mine else 0.0,
-        }
-        out.append(
-            TransferRow(
-                scene=scene,
-                policy=policy,
-                trainings=len(mine),
-                episodes=mine[0].episodes if mine else 0,
-                seeds=there.shape[1],
-                failed=sum(
-                    e.failed for e in episodes if (e.scene, e.policy, e.scored_on) == (scene, policy, REFERENCE)
-                ),
-                **{name: float(f"{value:.4g}") for name, value in numbers.items()},
-            )
-        )
+        times = [np.median([getattr(t, name) for t in mine]) if mine else 0.0 for name in ("wall_s", "processor_s")]
+        values = [*times, *_mean(there), *_mean(own), *_mean(own - there), *gap]
+        numbers: dict[str, Any] = {n: float(f"{v:.4g}") for n, v in zip(NUMBERS, values, strict=True)}
+        failed = sum(e.failed for e in episodes if (e.scene, e.policy, e.scored_on) == (scene, policy, REFERENCE))
+        count = mine[0].episodes if mine else 0
+        out.append(TransferRow(scene, policy, len(mine), count, seeds=there.shape[1], failed=failed, **numbers))
     return out
+
+
+def _mean(rewards: np.ndarray) -> tuple[float, float]:
+    """Of ``(R, S)``, and the half width of its interval."""
+    return float(rewards.mean()), half_width(rewards.mean(0), rewards.mean(1))
 
 
 def table(rows: Sequence[TransferRow]) -> str:

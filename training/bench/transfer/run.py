@@ -20,18 +20,7 @@ from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.participants import TRANSFER, Participant, extra
 from training.bench.transfer.chart import STEM, draw
 from training.bench.transfer.policies import FORMS, Form
-from training.bench.transfer.rows import (
-    EPISODE_KEY,
-    RANDOM,
-    REFERENCE,
-    TRAINING_KEY,
-    ZERO,
-    EpisodeRow,
-    TrainingRow,
-    TransferRow,
-    summaries,
-    table,
-)
+from training.bench.transfer.rows import RANDOM, REFERENCE, ZERO, EpisodeRow, TrainingRow, TransferRow, summaries, table
 from training.bench.transfer.search import train
 from training.rollouts import play
 from training.rows import Store
@@ -41,6 +30,7 @@ POPULATION, EPISODES, GENERATIONS = 8, 2, 10
 REPETITIONS, HELD_OUT = 3, range(16)  # training starts at FIRST_SEED
 LONGER = {"closure local x4 longer": (4, 2)}  # times the episodes and the generations, as it is cheap
 TRAININGS, EPISODE_STEM = "transfer_trainings", "transfer_episodes"
+TRAINING_KEY = ("scene", "rows", "cols", "policy", "repetition")
 
 
 def make_world(scene: str, participant: Participant, members: int, coarse: int = 1) -> World:
@@ -148,7 +138,7 @@ BENCHMARK = Benchmark(
     files={
         STEM: RowFile(TransferRow),
         TRAININGS: RowFile(TrainingRow, TRAINING_KEY),
-        EPISODE_STEM: RowFile(EpisodeRow, EPISODE_KEY),
+        EPISODE_STEM: RowFile(EpisodeRow, (*TRAINING_KEY, "scored_on", "seed")),
     },
     parts=[Part("Rewards a frame", (STEM,), table)],
     measure=measure,
