@@ -26,7 +26,9 @@ VELOCITY_BOUND = 100.0  # m/s
 
 
 class World:
-    """``num_envs`` episodes of one scene, by its name or its task's class, on one backend.
+    """``num_envs`` episodes of one scene on one backend.
+
+    ``scene`` is a name, or a task's class, which is taken as it is: of ``preset`` only the solver counts then.
 
     Attributes:
         controls: what the last ``step`` gave to the backend; None before the first.

@@ -120,7 +120,7 @@ def data(cache: Path) -> Episodes:
 
 def test_a_small_training_descends_on_its_own_episodes(data: Episodes, tmp_path: Path) -> None:
     """Along all five frames of restarts: by a fifth to a quarter of the error when this was written."""
-    trainer = Trainer(data, Recipe(hidden=16, warm=200, steps=2))
+    trainer = Trainer(data, Recipe(hidden=16, warm=200, steps=2, horizon=5))
     arrays = trainer.fit(tmp_path / "net", "")
     found = Course(data, "closure", trainer.correction).errors(5)
     assert (found < Course(data, "closure").errors(5)).all()

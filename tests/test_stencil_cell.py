@@ -257,6 +257,7 @@ def test_training_goes_on_where_it_stopped(
     blocks, wanted, _ = samples(8)
     small, recipe = Sums(forms(blocks, wanted).forms, np.zeros((8, 40, 40))), Recipe("fall", "free", epochs=8, batch=4)
     monkeypatch.setattr("training.cell.train.sums", lambda *_: small)
+    monkeypatch.setattr("training.cell.train.branch_scales", lambda *_: ((1e4, 1.0, 200.0, -10.0), 0.0))
     whole, _ = adam(recipe, tmp_path / "whole")
     with stopped(17):  # two batches an epoch: 16 steps of the first stage
         adam(recipe, tmp_path / "parts")

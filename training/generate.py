@@ -91,7 +91,7 @@ def simulate(task: Task, preset: str, rng: np.random.Generator, frames: int, pus
     Raises:
         ValueError: the teacher failed.
     """
-    world = World(type(task), backend_kwargs=solver_of(preset))
+    world = World(type(task), preset=preset)
 
     def actions() -> Iterator[np.ndarray]:
         yield from push * seeded_actions(world, [int(rng.integers(2**31))], ["smooth"], frames)

@@ -104,7 +104,7 @@ class Trainer:
             schedule = cosine(rate, steps, least=1e-3, warm=RISE)
             fit(
                 self.layers, lambda _: loss(), steps, schedule,
-                label=label, clip=NORM, kept=kept, rng=self._rng, best=best,
+                label=f"{label}, {'windows' if best else 'frames'}", clip=NORM, kept=kept, rng=self._rng, best=best,
             )  # fmt: skip
 
         run(stages[0], self.single, recipe.warm, recipe.rate, None)
