@@ -15,6 +15,7 @@ from cloth_envs.material import Material
 from cloth_envs.physics import laws
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.implicit.solver import ImplicitSolver
+from cloth_envs.physics.solver import kernel_material, kernel_sheet
 from cloth_envs.registry import SCENES
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
@@ -50,24 +51,14 @@ class Frozen:
         self.target = np.random.default_rng(5).normal(size=self.state.positions.shape)
 
     def potential(self, base: np.ndarray, along: np.ndarray) -> kernels.Potential:
-        grid = self.scene.grid
-        potential = kernels.Potential(
-            rows=grid.rows,
-            cols=grid.cols,
-            row_length=grid.row_spacing,
-            col_length=grid.col_spacing,
-            periodic=grid.periodic,
-        )
-        m = SOFT
+        potential = kernels.Potential(kernel_sheet(self.scene))
         potential.begin(
-            sheet=np.array([m.areal_density, m.stretch_stiffness, m.shear_stiffness, m.bend_stiffness, m.damping, 0]),
+            material=kernel_material(self.scene, SOFT),
             tau=self.tau,
             inertia=self.inertia,
             base=base.ravel(),
             along=along.ravel(),
             target=self.target.ravel().copy(),
-            wind_normal=self.wind.air_density * self.wind.normal,
-            wind_tangential=self.wind.air_density * self.wind.tangential,
             wind=self.blow,
             pressure=self.pressure,
         )

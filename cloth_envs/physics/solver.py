@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
+import _minicloth_kernels as kernels
 import numpy as np
 
 from cloth_envs.backend import Backend, check_keywords, keywords
@@ -63,33 +64,33 @@ def whole_number(name: str, value: object, least: int = 1) -> int:
     return value
 
 
-def kernel_world(scene: Scene) -> dict[str, Any]:
-    """What every compiled solver of sheets is told of a scene, as keywords."""
+def kernel_sheet(scene: Scene) -> kernels.Sheet:
+    """What every compiled solver is told of a scene; balls of a net of particles have no thickness."""
     grid, wind = scene.grid, scene.wind
-    return {
-        "rows": grid.rows,
-        "cols": grid.cols,
-        "row_length": grid.row_spacing,
-        "col_length": grid.col_spacing,
-        "periodic": grid.periodic,
-        "frame_dt": scene.frame_dt,
-        "gravity": scene.gravity,
-        "thickness": scene.thickness,
-        "wind_normal": wind.air_density * wind.normal if wind else 0.0,
-        "wind_tangential": wind.air_density * wind.tangential if wind else 0.0,
-        "wind": wind is not None,
-        "pressure": scene.pressure,
-        "handles": list(scene.handles),
-        "kinds": [body.kind for body in scene.colliders],
-        "radii": [body.radius for body in scene.colliders],
-        "frictions": [body.friction for body in scene.colliders],
-    }
+    return kernels.Sheet(
+        rows=grid.rows,
+        cols=grid.cols,
+        row_length=grid.row_spacing,
+        col_length=grid.col_spacing,
+        periodic=grid.periodic,
+        frame_dt=scene.frame_dt,
+        gravity=scene.gravity,
+        thickness=scene.thickness if scene.particles is None else 0.0,
+        wind=wind is not None,
+        pressure=scene.pressure,
+        wind_normal=wind.air_density * wind.normal if wind else 0.0,
+        wind_tangential=wind.air_density * wind.tangential if wind else 0.0,
+        handles=list(scene.handles),
+        bodies=[
+            kernels.Body(plane=body.kind == "plane", radius=body.radius, friction=body.friction)
+            for body in scene.colliders
+        ],
+    )
 
 
-def kernel_sheet(scene: Scene, material: Material) -> tuple[float, ...]:
-    """A material as compiled solvers take it: the properties in order, drag only where the scene has it."""
-    values = material.as_dict()
-    return tuple((values | {"drag": values["drag"] * scene.drag}).values())
+def kernel_material(scene: Scene, material: Material) -> kernels.Material:
+    """A material as compiled solvers take it: drag only where the scene has it."""
+    return kernels.Material(**material.as_dict() | {"drag": material.drag * scene.drag})
 
 
 class Solver(ABC):

@@ -10,7 +10,7 @@ Plugged in, as in the paper's fig. 2: air drag, wind, pressure, bodies with fric
 
 The cell contains the reference's own law, and least squares finds it: on sheets the numbers are 1 to 1e-12 and frames
 are those of ``"reference"`` to the bit, at its speed. At the same grid and step there is nothing to gain; see
-``training.bench.papers.large_step`` for why several cells cannot take a larger one.
+``training/bench/papers/large_step.py`` for why several cells cannot take a larger one.
 """
 
 from __future__ import annotations

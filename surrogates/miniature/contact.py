@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from _minicloth_kernels import Bodies
 
+from cloth_envs.physics.solver import kernel_sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 
@@ -23,9 +24,7 @@ class Projection:
     """
 
     def __init__(self, scene: Scene) -> None:
-        thickness = scene.thickness if scene.particles is None else 0.0
-        radii, planes = [b.radius + thickness for b in scene.colliders], [b.kind == "plane" for b in scene.colliders]
-        self._bodies = Bodies(radii, planes, list(scene.handles)) if radii else None
+        self._bodies = Bodies(kernel_sheet(scene)) if scene.colliders else None
         self.pushed, self.depth = np.zeros(0, np.int32), np.zeros(0, np.float32)
 
     def positions(self, fine: np.ndarray, state: State) -> None:

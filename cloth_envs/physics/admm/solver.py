@@ -9,9 +9,9 @@ import _minicloth_kernels as kernels
 import numpy as np
 
 from cloth_envs.grid import Grid
-from cloth_envs.material import PROPERTIES, Material
+from cloth_envs.material import Material
 from cloth_envs.physics.admm.modes import capacitance, eigenvalues, modes
-from cloth_envs.physics.solver import Solver, kernel_sheet, kernel_world, whole_number
+from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet, whole_number
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -68,14 +68,13 @@ class AdmmSolver(Solver):
         self.iterations, self.substeps = whole_number("iterations", iterations), whole_number("substeps", substeps)
         grid = scene.grid
         self._kernel = _KERNELS[dtype](
-            **kernel_world(scene),
+            kernel_sheet(scene),
             substeps=self.substeps,
             iterations=self.iterations,
             weight=WEIGHT,
             row_basis=modes(grid.rows, False)[0],
             col_basis=modes(grid.cols, grid.periodic)[0],
         )
-        self._sheets = np.zeros((num_envs, len(PROPERTIES)))
         self._systems: list[object] = [None] * num_envs
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
@@ -83,17 +82,13 @@ class AdmmSolver(Solver):
         scene, h = self.scene, self.scene.frame_dt / self.substeps
         made: dict[Material, object] = {}
         for i, m in zip(which, materials, strict=True):
-            self._sheets[i] = kernel_sheet(scene, m)
             if m not in made:
-                made[m] = self._kernel.system(*_matrix(scene.grid, m, h, scene.handles))
+                material = kernel_material(scene, m)
+                made[m] = self._kernel.system(material, *_matrix(scene.grid, m, h, scene.handles))
             self._systems[i] = made[m]
 
     def step(self, old: State, new: State, controls: Controls) -> None:
-        self._kernel.advance(
-            self._systems, old.positions, old.velocities, new.positions, new.velocities, self._sheets,
-            controls.handle_positions, controls.handle_velocities, old.colliders, old.collider_velocities,
-            controls.colliders, controls.collider_velocities, controls.wind, controls.pressure, self.threads,
-        )  # fmt: skip
+        self._kernel.advance(old, new, controls, self._systems, self.threads)
 
 
 @lru_cache(maxsize=64)

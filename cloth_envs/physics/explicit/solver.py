@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import _minicloth_kernels as kernels
 import numpy as np
 
-from cloth_envs.material import PROPERTIES, Material
+from cloth_envs.material import Material
 from cloth_envs.physics.explicit.stability import stable_step
-from cloth_envs.physics.solver import Solver, kernel_sheet, kernel_world, whole_number
+from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet, whole_number
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -50,14 +50,14 @@ class ExplicitSolver(Solver):
     ) -> None:
         super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
         self._refine, self._wanted = whole_number("refine", refine), substeps
-        self._kernel = _KERNELS[dtype](**kernel_world(scene))
-        self._sheets = np.zeros((num_envs, len(PROPERTIES)))
+        self._kernel = _KERNELS[dtype](kernel_sheet(scene))
+        self._materials = [kernel_material(scene, scene.material)] * num_envs
         self.substeps = np.ones(num_envs, np.int32)
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         for i, m in zip(which, materials, strict=True):
-            self._sheets[i] = kernel_sheet(self.scene, m)
+            self._materials[i] = kernel_material(self.scene, m)
             self.substeps[i] = self._count(m)
 
     def _count(self, material: Material) -> int:
@@ -73,8 +73,4 @@ class ExplicitSolver(Solver):
         return count
 
     def step(self, old: State, new: State, controls: Controls) -> None:
-        self._kernel.advance(
-            old.positions, old.velocities, new.positions, new.velocities, self._sheets, self.substeps,
-            controls.handle_positions, controls.handle_velocities, old.colliders, old.collider_velocities,
-            controls.colliders, controls.collider_velocities, controls.wind, controls.pressure, self.threads,
-        )  # fmt: skip
+        self._kernel.advance(old, new, controls, self._materials, self.substeps, self.threads)

@@ -11,7 +11,7 @@ import numpy as np
 from cloth_envs.material import Material
 from cloth_envs.naming import unknown_name
 from cloth_envs.physics.implicit.step import GAMMA, Drive, ImplicitStep
-from cloth_envs.physics.solver import Solver, whole_number
+from cloth_envs.physics.solver import Solver, kernel_sheet, whole_number
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -82,23 +82,8 @@ class ImplicitSolver(Solver):
             "max_iterations": whole_number("max_iterations", max_iterations),
             "window": whole_number("window", window),
         }
-        grid = scene.grid
-        self._potential = kernels.Potential(
-            rows=grid.rows,
-            cols=grid.cols,
-            row_length=grid.row_spacing,
-            col_length=grid.col_spacing,
-            periodic=grid.periodic,
-        )
-        self._contact = kernels.Contact(
-            vertices=grid.vertices,
-            handles=list(scene.handles),
-            kinds=[body.kind for body in scene.colliders],
-            radii=[body.radius for body in scene.colliders],
-            frictions=[body.friction for body in scene.colliders],
-            thickness=scene.thickness,
-            slack=SLACK * scene.thickness,
-        )
+        sheet = kernel_sheet(scene)
+        self._potential, self._contact = kernels.Potential(sheet), kernels.Contact(sheet, SLACK * scene.thickness)
         self._steps: dict[int, ImplicitStep] = {}
         self.iterations, self.residual = np.zeros(num_envs, np.int64), np.zeros(num_envs)
 

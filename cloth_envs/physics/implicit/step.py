@@ -11,6 +11,7 @@ from cloth_envs.material import Material
 from cloth_envs.physics.implicit.lbfgs import Minimum, Secants, minimise
 from cloth_envs.physics.implicit.prefactored import implicit_system
 from cloth_envs.physics.laws.drives import hermite
+from cloth_envs.physics.solver import kernel_material
 from cloth_envs.scene import GRAVITY, Scene
 
 # Length of a stage over that of a step. Euler is one stage; sdirk2 has two (Alexander 1977, theorem 5).
@@ -80,10 +81,7 @@ class ImplicitStep:
         self.enough, self.max_iterations = tolerance * GRAVITY, max_iterations
         self.mass = scene.grid.areas.ravel() * material.areal_density
         drag = material.drag if scene.drag else 0.0
-        m = material
-        self.sheet = np.array(
-            [m.areal_density, m.stretch_stiffness, m.shear_stiffness, m.bend_stiffness, m.damping, m.drag]
-        )
+        self.material = kernel_material(scene, material)
         self.h = scene.frame_dt / substeps
         self.tau = tau = GAMMA[scheme] * self.h
         if scheme == "euler":  # as the explicit solver: exact for a constant force
@@ -148,20 +146,18 @@ class ImplicitStep:
         return end.x.reshape(x.shape), self._velocities(second, end)[0]
 
     def _minimise(self, stage: Stage, drive: Drive, secants: Secants) -> Minimum:
-        wind, held = self.scene.wind, list(self.scene.handles)
+        held = list(self.scene.handles)
         guess = stage.base + self.tau * self.decay * stage.velocity
         target = guess.copy()
         target[2] -= self.tau**2 * self.push * self.scene.gravity
         guess[:, held] = drive.handles_at(stage.end)[0]
         self.potential.begin(
-            sheet=self.sheet,
+            material=self.material,
             tau=self.tau,
             inertia=1 / (self.push * self.tau**2),
             base=stage.base.ravel(),
             along=stage.along.ravel(),
             target=target.ravel(),
-            wind_normal=wind.air_density * wind.normal if wind else 0.0,
-            wind_tangential=wind.air_density * wind.tangential if wind else 0.0,
             wind=drive.wind,
             pressure=drive.pressure,
         )

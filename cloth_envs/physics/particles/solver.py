@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import _minicloth_kernels as kernels
 import numpy as np
 
 from cloth_envs.material import Material
 from cloth_envs.particles import Particles
-from cloth_envs.physics.solver import Solver, whole_number
+from cloth_envs.physics.solver import Solver, kernel_sheet, whole_number
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -82,15 +81,14 @@ def steps_a_frame(scene: Scene) -> int:
     return round(count)
 
 
-def make_kernel(scene: Scene, cell: Cell, *, dtype: str = "float32", refine: int = 1) -> Any:
+def make_kernel(scene: Scene, cell: Cell, *, dtype: str = "float32", refine: int = 1) -> kernels.Particles32 | kernels.Particles64:
     """The compiled steps of ``scene`` with the forces of ``cell``; ``refine`` divides every step.
 
     A step is ``v = exp(-drag h) (v + h (F + p sum r_a x r_b) / m)``, then balls, then ``x += h v`` (eq. 5).
     """
     net, steps = net_of(scene), steps_a_frame(scene) * refine
     return _KERNELS[dtype](
-        rows=scene.grid.rows,
-        cols=scene.grid.cols,
+        kernel_sheet(scene),
         neighbours=NEIGHBOURS,
         coefficients=np.ascontiguousarray(cell.coefficients, np.float64),
         bias=np.ascontiguousarray(cell.bias, np.float64),
@@ -98,10 +96,7 @@ def make_kernel(scene: Scene, cell: Cell, *, dtype: str = "float32", refine: int
         node_mass=net.node_mass,
         decay=np.exp(-net.drag * scene.drag * scene.frame_dt / steps),
         keep=net.keep ** (1 / refine),
-        frame_dt=scene.frame_dt,
         substeps=steps,
-        handles=list(scene.handles),
-        radii=[body.radius for body in scene.colliders],
     )
 
 
@@ -132,9 +127,4 @@ class ParticleSolver(Solver):
             raise ValueError("a net of particles has no material to change: its settings are scene.particles")
 
     def step(self, old: State, new: State, controls: Controls) -> None:
-        pressure = controls.pressure if self.scene.pressure else np.zeros(self.num_envs)
-        self._kernel.advance(
-            old.positions, old.velocities, new.positions, new.velocities, controls.handle_positions,
-            controls.handle_velocities, old.colliders, old.collider_velocities, controls.colliders,
-            controls.collider_velocities, pressure, self.threads,
-        )  # fmt: skip
+        self._kernel.advance(old, new, controls, self.threads)

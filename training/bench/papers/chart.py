@@ -11,6 +11,7 @@ from training.bench.charts import SHADE, WIDTH, dress, legend, save
 from training.bench.papers.published import TABLE_7
 from training.bench.papers.rows import FrameErrorRow, PublishedRow
 from training.bench.papers.runs import UNSCALED
+from training.recipes.upscaler import SCENES
 
 # method -> name, colour (Okabe & Ito 2008), marker, line. Other upscalers take what is left.
 LOOKS: dict[str, tuple[str, str, str, str]] = {
@@ -49,7 +50,7 @@ def draw(rows: Mapping[str, Sequence[Any]], folder: Path, setup: str) -> None:
 
 def frames(points: Sequence[FrameErrorRow], folder: Path) -> None:
     """A row a scene: the error by frame with oracle inputs and in a free run."""
-    scenes = list(dict.fromkeys(p.scene for p in points))
+    scenes = [s for s in SCENES if any(p.scene == s for p in points)]
     figure, panels = _grid(len(scenes), 2)
     handles: dict[str, Any] = {}
     for row, scene in zip(panels, scenes, strict=True):
@@ -82,7 +83,7 @@ def variants(rows: Sequence[PublishedRow], folder: Path) -> None:
     """Errors when mass, spring constant (a row a scene) and the flag's wind are changed."""
     longest = max(r.frames for r in rows if r.table in VARIED)
     free = [r for r in rows if r.table in VARIED and r.measure == "error" and r.frames == longest]
-    scenes = list(dict.fromkeys(r.scene for r in free))
+    scenes = [s for s in SCENES if any(r.scene == s for r in free)]
     figure, panels = _grid(len(scenes), 3)
     handles: dict[str, Any] = {}
     for row, scene in zip(panels, scenes, strict=True):

@@ -1,0 +1,42 @@
+// The explicit solver for Python.
+#include "../sheet/bind.hpp"
+
+#include <nanobind/stl/vector.h>
+
+#include "../module.hpp"
+#include "core.hpp"
+
+namespace nb = nanobind;
+
+namespace minicloth {
+namespace {
+
+template <class T>
+void advance_explicit(const Explicit<T>& solver, const PythonState& old, const PythonState& now,
+                      const PythonControls& controls, const std::vector<Material>& materials, In<int, 1> substeps,
+                      int threads) {
+  const Frames<T> frames(solver.sheet(), old, now, controls);
+  need(materials.size() == frames().size() && shaped(substeps, {frames().size()}), "materials and substeps must be B");
+  for (std::size_t b = 0; b < frames().size(); ++b) need(substeps.data()[b] >= 1, "substeps must be at least 1");
+  need(threads >= 1, "threads must be at least 1");
+  nb::gil_scoped_release release;
+  solver.advance(frames(), materials, substeps.data(), threads);
+}
+
+template <class T>
+void bind_explicit(nb::module_& m, const char* name) {
+  nb::class_<Explicit<T>>(m, name)
+      .def(nb::init<Sheet>(), nb::arg("sheet"))
+      .def("advance", &advance_explicit<T>, nb::arg("old"), nb::arg("new"), nb::arg("controls"), nb::arg("materials"),
+           nb::arg("substeps"), nb::arg("threads"),
+           "A frame from old to the positions and velocities of new; materials and substeps (B,) of each cloth.");
+}
+
+}  // namespace
+
+void bind_explicit(nb::module_& m) {
+  bind_explicit<float>(m, "Explicit32");
+  bind_explicit<double>(m, "Explicit64");
+}
+
+}  // namespace minicloth

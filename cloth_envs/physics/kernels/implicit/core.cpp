@@ -1,0 +1,150 @@
+#include "core.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+namespace minicloth {
+namespace {
+
+constexpr double kTiny = 1e-40;  // keeps ghosts, which all lie at the origin, finite
+
+}  // namespace
+
+Potential::Potential(Sheet sheet)
+    : sheet_(std::move(sheet)),
+      geometry_(sheet_.rows, sheet_.cols, sheet_.row_length, sheet_.col_length, sheet_.periodic) {
+  const Geometry<double>& g = geometry_;
+  const auto add = [&](int offset, double length, const Plane<double>& weight, const Plane<double>* near) {
+    const Plane<double> none(g.size, 0.0);
+    springs_.push_back({offset, length, &weight, near, none, none, none});
+  };
+  add(1, g.col_length, g.along, &g.along_near);
+  add(g.stride, g.row_length, g.down, &g.down_near);
+  add(g.stride + 1, g.diagonal, g.right, nullptr);
+  add(g.stride - 1, g.diagonal, g.left, nullptr);
+  for (auto [offset, weight] : {std::pair{2, &g.along_far}, std::pair{2 * g.stride, &g.down_far}})
+    far_.push_back({offset, weight, Plane<double>(g.size, 0.0)});
+  for (auto* plane : {&x_, &g_, &base_, &along_, &v_}) plane->assign(3 * g.size, 0.0);
+  air_.assign(16 * g.size, 0.0);
+  mass_.resize(vertices()), target_.resize(3 * vertices());
+}
+
+void Potential::pad(const double* from, Plane<double>& to) const {
+  double* const planes[3] = {to.data(), to.data() + geometry_.size, to.data() + 2 * geometry_.size};
+  geometry_.pad(from, planes);
+  geometry_.wrap(planes);
+}
+
+void Potential::begin(const Stage& s) {
+  const Geometry<double>& g = geometry_;
+  const Material& m = s.material;
+  const int n = vertices();
+  pad(s.base, base_), pad(s.along, along_);
+  tau_ = s.tau;
+  const double ratio = m.damping / s.tau;
+  const auto each = [&](auto body) {
+    for (int r = 0; r < g.rows; ++r)
+      for (int c = 0; c < g.cols; ++c) body(g.at(r, c), r * g.cols + c);
+  };
+  for (Springs& e : springs_) {
+    const double modulus = e.linear ? m.stretch_stiffness : m.shear_stiffness;
+    each([&](int i, int) {
+      double square = kTiny, before = 0;
+      for (int axis = 0; axis < 3; ++axis) {
+        const std::size_t at = axis * g.size + i;
+        const double d = along_[at + e.offset] - along_[at];
+        square += d * d, before += d * (base_[at + e.offset] - base_[at]);
+      }
+      e.stiffness[i] = modulus * (*e.weight)[i] * (1 + ratio);
+      e.rest[i] = (e.length + ratio * before / std::sqrt(square)) / (1 + ratio);
+      e.bend[i] = e.linear ? m.bend_stiffness * (*e.linear)[i] : 0.0;
+    });
+  }
+  for (Far& e : far_) each([&](int i, int) { e.bend[i] = m.bend_stiffness * (*e.weight)[i]; });
+
+  // The facets as in sheet/air.hpp: number k is the one without corner k.
+  std::copy_n(s.wind, 3, wind_velocity_);
+  std::fill(g_.begin(), g_.end(), 0.0);  // the pressure's force for now
+  const int corner[4] = {0, 1, g.stride + 1, g.stride};
+  if (sheet_.wind || s.pressure != 0)
+    each([&](int i, int) {
+      if (g.cell[i] == 0) return;
+      for (int k = 0; k < 4; ++k) {
+        const int p = corner[(k + 1) % 4], q = corner[(k + 2) % 4], r = corner[(k + 3) % 4];
+        double a[3], b[3];
+        for (int axis = 0; axis < 3; ++axis) {
+          const double* x = along_.data() + axis * g.size + i;
+          a[axis] = x[r] - x[p], b[axis] = x[q] - x[p];
+        }
+        const double cross[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+        const double twice = std::sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2] + kTiny);
+        for (int axis = 0; axis < 3; ++axis) {
+          air_[(4 * k + axis) * g.size + i] = cross[axis] / twice;
+          for (int at : {p, q, r}) g_[axis * g.size + i + at] += s.pressure * cross[axis] / 12;
+        }
+        air_[(4 * k + 3) * g.size + i] = twice / 8;
+      }
+    });
+  each([&](int i, int v) {
+    const double area = 1 / g.inverse_area[i];
+    mass_[v] = m.areal_density * area * s.inertia;
+  });
+  if (s.pressure != 0) {
+    fold();
+    each([&](int i, int v) {
+      for (int axis = 0; axis < 3; ++axis) s.target[axis * n + v] += g_[axis * g.size + i] / mass_[v];
+    });
+  }
+  std::copy_n(s.target, 3 * n, target_.data());
+}
+
+// Adds what fell on the ghost columns of a tube to the columns that they stand for.
+void Potential::fold() {
+  const Geometry<double>& g = geometry_;
+  if (!g.periodic) return;
+  for (int axis = 0; axis < 3; ++axis)
+    for (int r = 0; r < g.rows; ++r) {
+      double* row = g_.data() + axis * g.size + g.at(r, 0);
+      for (int k = 1; k <= kGhost; ++k) {
+        row[g.cols - k] += row[-k], row[k - 1] += row[g.cols + k - 1];
+        row[-k] = row[g.cols + k - 1] = 0;
+      }
+    }
+}
+
+double Potential::evaluate(const double* x, double* gradient) {
+  const Geometry<double>& g = geometry_;
+  const int n = vertices();
+  pad(x, x_);
+  std::fill(g_.begin(), g_.end(), 0.0);
+  const auto& kernels = lanes<ImplicitLanes>();
+  double energy = 0;
+  for (const Springs& e : springs_)
+    energy += kernels.springs(x_.data(), g_.data(), g.size, g.begin, g.end, e.offset, e.stiffness.data(), e.rest.data(),
+                              e.bend.data());
+  for (const Far& e : far_)
+    energy += kernels.linear(x_.data(), g_.data(), g.size, g.begin, g.end, e.offset, e.bend.data());
+  if (sheet_.wind) {
+    for (std::size_t i = 0; i < 3 * g.size; ++i) v_[i] = (x_[i] - base_[i]) / tau_;
+    const int corner[4] = {0, 1, g.stride + 1, g.stride};
+    for (int k = 0; k < 4; ++k) {
+      const int three[3] = {corner[(k + 1) % 4], corner[(k + 2) % 4], corner[(k + 3) % 4]};
+      energy += tau_ * kernels.wind(v_.data(), g_.data(), g.size, g.begin, g.end, three, air_.data() + 4 * k * g.size,
+                                    sheet_.wind_normal, sheet_.wind_tangential, wind_velocity_[0], wind_velocity_[1],
+                                    wind_velocity_[2]);
+    }
+  }
+  fold();
+  double inertia = 0;
+  for (int axis = 0; axis < 3; ++axis)
+    for (int r = 0; r < g.rows; ++r)
+      for (int c = 0, v = r * g.cols; c < g.cols; ++c, ++v) {
+        const double d = x[axis * n + v] - target_[axis * n + v], pull = mass_[v] * d;
+        gradient[axis * n + v] = g_[axis * g.size + g.at(r, c)] + pull;
+        inertia += pull * d;
+      }
+  return energy + inertia / 2;
+}
+
+}  // namespace minicloth

@@ -1,0 +1,25 @@
+// The Python module _minicloth_kernels.
+#define MINICLOTH_IMPORTS_NUMPY
+#include "module.hpp"
+
+#include "base/arrays.hpp"
+#include "base/dispatch.hpp"
+
+NB_MODULE(_minicloth_kernels, m) {
+  using namespace minicloth;
+  if (_import_array() < 0) nanobind::raise_python_error();
+  m.doc() = "Compiled loops of MiniCloth.";
+  bind_sheet(m);
+  bind_explicit(m);
+  bind_admm(m);
+  bind_implicit(m);
+  bind_particles(m);
+  bind_resample(m);
+  bind_correct(m);
+  bind_patch(m);
+  bind_projection(m);
+  bind_state(m);
+  bind_measures(m);
+  bind_controls(m);
+  m.def("instruction_set", [] { return kSets[kSet]; }, "The instruction set that the kernels run on this processor.");
+}

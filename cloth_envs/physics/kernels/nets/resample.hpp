@@ -1,0 +1,34 @@
+// Interpolation of fields on a grid to another one, along columns and then along rows.
+#pragma once
+#include <vector>
+
+#include "../base/dispatch.hpp"
+
+namespace minicloth {
+
+constexpr int kTaps = 4;
+
+// Every one of `count` new samples is a sum of old ones: tap t of c is number index[t * stride + c], weight alike. Up
+// to whole blocks, the last sample is there again.
+struct Taps {
+  int taps, count, stride;
+  std::vector<int> index;
+  std::vector<float> weight;
+};
+
+struct ResampleLanes {
+  // Planes (h, w) of `in` to planes (rows.count, cols.count) of `out`.
+  void (*resample)(const float* in, int planes, int h, int w, const Taps& rows, const Taps& cols, float* out);
+};
+DECLARE_LANES(ResampleLanes)
+
+// out = R field C^T for planes (h, w): every new row or column is a weighted sum of some old ones.
+struct Grids {
+  int h, w;
+  Taps rows, cols;
+  void operator()(const float* in, int planes, float* out) const {
+    lanes<ResampleLanes>().resample(in, planes, h, w, rows, cols, out);
+  }
+};
+
+}  // namespace minicloth

@@ -1,0 +1,26 @@
+// Keeps upscaled vertices out of bodies.
+#pragma once
+#include "../base/dispatch.hpp"
+
+namespace minicloth {
+
+struct UpscaledBody {
+  bool plane;  // ends[0] is a point, ends[1] the unit normal
+  float ends[2][3], velocities[2][3];
+  float radius;  // includes the thickness
+};
+
+struct Pushed {
+  int count;
+  float depth;  // of the deepest, m
+};
+
+struct ProjectionLanes {
+  // Puts those of n vertices (3, n) that are in the body on its surface.
+  Pushed (*push)(const UpscaledBody&, int n, float* x);
+  // Takes from vertices within `reach` of the body's surface the velocity into it.
+  void (*stop)(const UpscaledBody&, int n, const float* x, float* v, float reach);
+};
+DECLARE_LANES(ProjectionLanes)
+
+}  // namespace minicloth

@@ -1,0 +1,151 @@
+// The law of wind (Wejchert & Haumann 1991) and pressure, on the four triangles of each cell that its two diagonals
+// make, each with half its force: a mirrored cloth then feels mirrored air. Corners are numbered 0 upper left, 1 upper
+// right, 2 lower right, 3 lower left; triangle k is the one without corner k.
+#pragma once
+#include "../base/geometry.hpp"
+#include "sheet.hpp"
+#ifdef LANES  // the loops, where they are compiled for an instruction set
+#include <algorithm>
+#include <cmath>
+
+#include "../base/simd.hpp"
+#endif
+
+namespace minicloth {
+
+template <class T>
+struct Cells {  // the air's force on the four corners of the cell at its upper left vertex [N]
+  T* corner[4][3];
+};
+
+template <class T>
+struct AirTerms {
+  T normal, tangential, pressure;  // density * coefficient / 4 [kg/m^3], Pa
+  T wind[3];                       // m/s
+  T slow_normal, slow_tangential;  // h density * coefficient / (2 areal density), per m/s; of implicit steps
+};
+
+// Of a frame; `slow` is h / (2 areal density) for slowed_wind_and_pressure.
+template <class T>
+AirTerms<T> air_terms(const Sheet& sheet, const Frame<T>& f, double slow = 0) {
+  return {T(sheet.wind_normal / 4),
+          T(sheet.wind_tangential / 4),
+          T(sheet.pressure ? f.pressure : 0.0),
+          {T(f.wind[0]), T(f.wind[1]), T(f.wind[2])},
+          T(slow * sheet.wind_normal),
+          T(slow * sheet.wind_tangential)};
+}
+
+#ifdef LANES
+namespace LANES {
+namespace {
+
+constexpr int kChunk = 256;  // vertices whose forces are kept before they are added
+
+// Calls law(twice a triangle's area vector, three times its velocity in the wind) for its force times two.
+template <class T, bool kWind, class Law>
+inline void facets(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Cells<T>& out,
+                   const Law& law) {
+  const int s = g.stride;
+  const T* cell = g.cell.data();
+  const V<T> zero = {};
+  const V3<T> wind3 = {zero + 3 * p.wind[0], zero + 3 * p.wind[1], zero + 3 * p.wind[2]};
+  for (int i = g.begin; i < g.end; i += kLanes<T>) {
+    const V3<T> x = at(in.x, i), right = at(in.x, i + 1) - x, across = at(in.x, i + s + 1) - x;
+    const V3<T> down = at(in.x, i + s) - x;
+    const V3<T> n1 = cross(down, across), n2 = cross(down, right), n3 = cross(across, right), n0 = (n1 + n3) - n2;
+    const V<T> share = load(cell + i) / T(6);  // a third of half the force to each vertex
+    V3<T> sum;                                 // three times a triangle's velocity is this less the missing corner's
+    if constexpr (kWind) sum = (at(in.v, i) + at(in.v, i + 1)) + (at(in.v, i + s) + at(in.v, i + s + 1)) - wind3;
+    const auto force = [&](const V3<T>& n, int missing) __attribute__((always_inline)) {
+      if constexpr (kWind)
+        return law(n, sum - at(in.v, missing));
+      else
+        return law(n, V3<T>{});
+    };
+    const V3<T> f0 = force(n0, i), f1 = force(n1, i + 1), f2 = force(n2, i + s + 1), f3 = force(n3, i + s);
+    const V3<T> all = (f0 + f2) + (f1 + f3);
+    put(out.corner[0], i, share * (all - f0));
+    put(out.corner[1], i, share * (all - f1));
+    put(out.corner[2], i, share * (all - f2));
+    put(out.corner[3], i, share * (all - f3));
+  }
+}
+
+template <class T>
+void pressure(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Cells<T>& out) {
+  const V<T> push = V<T>{} + p.pressure / 2;
+  facets<T, false>(g, p, in, out,
+                   [&](const V3<T>& n, const V3<T>&) __attribute__((always_inline)) { return push * n; });
+}
+
+template <class T>
+void wind_and_pressure(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Cells<T>& out) {
+  const V<T> zero = {};
+  const T normal = p.normal / 9, tangential = p.tangential / 9;  // for three times the velocity
+  facets<T, true>(g, p, in, out, [&](const V3<T>& n, const V3<T>& u) __attribute__((always_inline)) {
+    const V<T> square = dot(n, n) + T(1e-30), through = dot(n, u), turn = through * reciprocal(square);
+    const V3<T> slide = u - turn * n;
+    const V<T> product = square * dot(slide, slide) + T(1e-36);
+    const V<T> drag = (tangential * product) * rsqrt(product);
+    V<T> along = zero + p.pressure / 2;
+    along -= (normal * (through < T(0) ? -through : through)) * turn;
+    return along * n - drag * slide;
+  });
+}
+
+// The same for a long step h: the wind's force is taken 1 / (1 + h a |u|) times, which is what du/dt = -a |u| u does to
+// a speed u over the step: it never turns the flow round.
+template <class T>
+void slowed_wind_and_pressure(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Cells<T>& out) {
+  const V<T> one = V<T>{} + T(1);
+  const T normal = p.normal / 9, tangential = p.tangential / 9;  // for three times the velocity
+  const T slow_normal = p.slow_normal / 3, slow_tangential = p.slow_tangential / 3;
+  facets<T, true>(g, p, in, out, [&](const V3<T>& n, const V3<T>& u) __attribute__((always_inline)) {
+    const V<T> square = dot(n, n) + T(1e-30), inverse = rsqrt(square), through = inverse * dot(n, u);
+    const V<T> speed = through < T(0) ? -through : through;
+    const V3<T> slide = u - (through * inverse) * n;
+    const V<T> slide2 = dot(slide, slide) + T(1e-30), sliding = slide2 * rsqrt(slide2);
+    const V<T> drag = tangential * (square * inverse) * sliding / (one + slow_tangential * sliding);
+    const V<T> push = p.pressure / 2 - normal * speed * through / (one + slow_normal * speed);
+    return push * n - drag * slide;
+  });
+}
+
+// The energy whose gradient wind is in an implicit step:
+// tau A / 4 (C_n |n.u|^3 + C_t |u_t|^3) / 3 for the facet of three of a cell's corners, u = their mean velocity
+// less the wind. `v` holds velocities; the coefficients include the air's density.
+inline double wind_energy(const double* v, double* g, std::size_t size, int begin, int end, const int* corners,
+                          const double* air, double normal, double tangential, double w0, double w1, double w2) {
+  double f[3][kChunk], energy = 0;
+  const double *n0 = air, *n1 = air + size, *n2 = air + 2 * size, *area = air + 3 * size;
+  const int p = corners[0], q = corners[1], r = corners[2];
+  const double *v0 = v, *v1 = v + size, *v2 = v + 2 * size;
+  for (int first = begin; first < end; first += kChunk) {
+    const int count = std::min(kChunk, end - first);
+    for (int c = 0; c < count; ++c) {
+      const int i = first + c;
+      const double a = (v0[i + p] + v0[i + q] + v0[i + r]) / 3 - w0, b = (v1[i + p] + v1[i + q] + v1[i + r]) / 3 - w1,
+                   d = (v2[i + p] + v2[i + q] + v2[i + r]) / 3 - w2;
+      const double through = n0[i] * a + n1[i] * b + n2[i] * d;
+      const double s0 = a - through * n0[i], s1 = b - through * n1[i], s2 = d - through * n2[i];
+      const double square = s0 * s0 + s1 * s1 + s2 * s2, slide = tangential * std::sqrt(square);
+      const double push = normal * std::fabs(through) * through;
+      energy += area[i] * (push * through + slide * square);
+      f[0][c] = area[i] * (push * n0[i] + slide * s0) / 3;
+      f[1][c] = area[i] * (push * n1[i] + slide * s1) / 3;
+      f[2][c] = area[i] * (push * n2[i] + slide * s2) / 3;
+    }
+    for (int k = 0; k < 3; ++k)
+      for (int axis = 0; axis < 3; ++axis) {
+        double* at = g + axis * size + first + corners[k];
+        for (int c = 0; c < count; ++c) at[c] += f[axis][c];
+      }
+  }
+  return energy / 3;
+}
+
+}  // namespace
+}  // namespace LANES
+#endif
+}  // namespace minicloth

@@ -1,0 +1,29 @@
+// The geometry of bodies; contact.hpp has the same in vectors.
+#pragma once
+#include "../base/vec.hpp"
+
+namespace minicloth {
+
+// A body over one step: two end points of its axis before and after, or of a plane a point [0] and the unit normal [1].
+template <class T>
+struct BodyStep {
+  bool plane;
+  T before[2][3], after[2][3];
+  T radius, friction, dt;  // radius includes the thickness
+};
+
+// How far along a body's axis, from 0 to 1, the point nearest to q lies; and that point.
+template <class T>
+T nearest(const T (&ends)[2][3], const Vec<T>& q) {
+  const Vec<T> axis = vec(ends[1]) - vec(ends[0]);
+  const T square = dot(axis, axis);
+  if (square == 0) return 0;
+  const T t = dot(q - vec(ends[0]), axis) / square;
+  return t < 0 ? T(0) : t > 1 ? T(1) : t;
+}
+template <class T>
+Vec<T> axis_point(const T (&ends)[2][3], T t) {
+  return vec(ends[0]) + t * (vec(ends[1]) - vec(ends[0]));
+}
+
+}  // namespace minicloth

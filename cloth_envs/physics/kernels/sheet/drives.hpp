@@ -1,0 +1,91 @@
+// How handles and bodies move through a frame.
+#pragma once
+#include <cstddef>
+#include <vector>
+
+#include "bodies.hpp"
+#include "sheet.hpp"
+
+namespace minicloth {
+
+// Cubic Hermite motion over a frame, s from 0 to 1.
+struct Cubic {
+  double p0, v0, p1, v1;  // v [per frame]
+  double c2 = 3 * (p1 - p0) - 2 * v0 - v1, c3 = 2 * (p0 - p1) + v0 + v1;
+  double position(double s) const { return p0 + s * (v0 + s * (c2 + s * c3)); }
+  double velocity(double s) const { return v0 + s * (2 * c2 + s * 3 * c3); }
+};
+
+// A driven vertex; one that is held still costs two stores a substep.
+struct Handle {
+  int at;  // its place in planes
+  bool moves;
+  Cubic path[3];
+  double frame_dt, zero;
+  double position(int axis, double s) const { return moves ? path[axis].position(s) : path[axis].p0 + zero; }
+  double velocity(int axis, double s) const { return moves ? path[axis].velocity(s) / frame_dt : 0.0; }
+};
+
+// The handles, where place(vertex) says. Zero is 0.0, or -0.0 where a handle that is held at -0.0 shall stay so.
+template <class T, class Place>
+std::vector<Handle> handles_of(const Sheet& sheet, const Frame<T>& f, const Place& place, double zero = 0.0) {
+  const int n = sheet.rows * sheet.cols;
+  std::vector<Handle> handles(sheet.handles.size());
+  for (std::size_t h = 0; h < handles.size(); ++h) {
+    handles[h] = {place(sheet.handles[h]), false, {}, sheet.frame_dt, zero};
+    for (int k = 0; k < 3; ++k) {
+      const int i = k * n + sheet.handles[h];
+      const Cubic path = {f.x[i], f.v[i] * sheet.frame_dt, f.handle_x[3 * h + k],
+                          f.handle_v[3 * h + k] * sheet.frame_dt};
+      handles[h].path[k] = path;
+      handles[h].moves |= path.p0 != path.p1 || path.v0 != 0 || path.v1 != 0;
+    }
+  }
+  return handles;
+}
+
+template <class T>
+void put_positions(const std::vector<Handle>& handles, double s, T* const (&x)[3]) {
+  for (const Handle& h : handles)
+    for (int k = 0; k < 3; ++k) x[k][h.at] = T(h.position(k, s));
+}
+template <class T>
+void put_velocities(const std::vector<Handle>& handles, double s, T* const (&v)[3]) {
+  for (const Handle& h : handles)
+    for (int k = 0; k < 3; ++k) v[k][h.at] = T(h.velocity(k, s));
+}
+
+// The paths of the bodies' two points, (C, 2, 3).
+template <class T>
+std::vector<Cubic> body_paths(const Sheet& sheet, const Frame<T>& f) {
+  std::vector<Cubic> paths(6 * sheet.bodies.size());
+  for (std::size_t i = 0; i < paths.size(); ++i)
+    paths[i] = {f.body_x[i], f.body_v[i] * sheet.frame_dt, f.body_x_end[i], f.body_v_end[i] * sheet.frame_dt};
+  return paths;
+}
+
+// The bodies in one step after the other.
+template <class T>
+class MovingBodies {
+ public:
+  MovingBodies(const Sheet& sheet, const Frame<T>& f, double dt) : paths_(body_paths(sheet, f)) {
+    for (const Body& body : sheet.bodies)
+      steps_.push_back({body.plane, {}, {}, T(body.radius + sheet.thickness), T(body.friction), T(dt)});
+    to(0.0);
+  }
+  // The step from where the last one ended to s.
+  const std::vector<BodyStep<T>>& to(double s) {
+    for (std::size_t i = 0; i < paths_.size(); ++i) {
+      BodyStep<T>& body = steps_[i / 6];
+      T &before = body.before[i / 3 % 2][i % 3], &after = body.after[i / 3 % 2][i % 3];
+      before = after, after = T(paths_[i].position(s));
+    }
+    return steps_;
+  }
+
+ private:
+  std::vector<Cubic> paths_;
+  std::vector<BodyStep<T>> steps_;
+};
+
+}  // namespace minicloth
