@@ -81,8 +81,15 @@ class Frozen(Unstable):
         return self.state
 
 
-SHIFTED, UNSTABLE, FROZEN = (
-    Participant(kind.__name__, f"{__name__}:{kind.__name__}") for kind in (Shifted, Unstable, Frozen)
+class Refusing(Unstable):
+    """It finds out late."""
+
+    def reset(self, state: State, materials: None = None) -> None:
+        raise ValueError("no such cloth: use at least another")
+
+
+SHIFTED, UNSTABLE, FROZEN, REFUSING = (
+    Participant(kind.__name__, f"{__name__}:{kind.__name__}") for kind in (Shifted, Unstable, Frozen, Refusing)
 )
 
 
@@ -119,9 +126,9 @@ def test_an_unstable_method_is_reported(windows: Windows, episodes: Windows) -> 
     (whole,) = summaries([row for row in rows if row.frames == 10], [], [])
     assert whole.failure == "4 of 4: overstretch at frame 1"
     assert not whole.passes
-    refused = replace(EXPLICIT, options={"substeps": 1})
-    assert "use at least" in errors(refused, windows, horizons=(1,))[0].failure
-    assert "use at least" in costs([refused], windows)[0].failure
+    for refused in (replace(EXPLICIT, options={"substeps": 1}), REFUSING):
+        assert "use at least" in errors(refused, windows, horizons=(1,))[0].failure
+        assert "use at least" in costs([refused], windows)[0].failure
 
 
 def test_statistics_of_the_truth_are_its_own(episodes: Windows) -> None:

@@ -82,7 +82,7 @@ def costs(
     scene = windows.scene
     start = State(**{n: np.repeat(a[:1], batch, 0) for n, a in windows.truth[0].arrays().items()})
     controls = [Controls(**{n: np.repeat(a[:1], batch, 0) for n, a in vars(c).items()}) for c in windows.controls]
-    backends = [built(participant, scene, batch, threads) for participant in participants]
+    backends = [built(participant, scene, start, threads) for participant in participants]
     times: list[list[np.ndarray]] = [[] for _ in participants]
     disturbed, count = [0] * len(participants), [0] * len(participants)
     for run in range(runs + 1):  # the first warms up

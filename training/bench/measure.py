@@ -42,13 +42,16 @@ class Run:
 
 
 def built(
-    participant: Participant, scene: Scene, num_envs: int = 1, threads: int = 1, truth: Sequence[State] = ()
+    participant: Participant, scene: Scene, start: State | None = None, threads: int = 1, truth: Sequence[State] = ()
 ) -> Backend | str:
-    """Its backend, or the words with which it was refused."""
+    """Its backend for the cloths of ``start`` (default: one), or the words with which it refused scene or start."""
     try:
-        return participant.build(scene, num_envs, threads, truth=truth)
+        backend = participant.build(scene, start.batch if start else 1, threads, truth=truth)
+        if start:
+            backend.reset(start)
     except (ValueError, ImportError) as error:
         return f"refused: {error}"
+    return backend
 
 
 def run(
@@ -89,7 +92,7 @@ def follow(participant: Participant, windows: Windows, threads: int = 1) -> Run:
     scene, start = windows.scene, windows.truth[0]
     if participant.family == FLOOR:
         start = nudge(start, scene, 0)
-    backend = built(participant, scene, start.batch, threads, windows.truth)
+    backend = built(participant, scene, start, threads, windows.truth)
     return run(backend, scene, start, windows.controls, physics=participant.family not in NO_PHYSICS)
 
 

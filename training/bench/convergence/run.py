@@ -61,7 +61,7 @@ def _converged(participant: Participant, case: Case, limit: Truth, begin: int) -
     scene, start = limit.scene, limit.states[begin]
     if participant.family == FLOOR:
         start = nudge(start, scene, case.seed)
-    backend, error = built(participant, scene), np.nan
+    backend, error = built(participant, scene, start), np.nan
     found = run(backend, scene, start, limit.controls[begin:], slow=SLOW)
     failure, done = (backend if isinstance(backend, str) else ""), len(found.seconds)
     if done == FRAMES:

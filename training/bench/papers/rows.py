@@ -13,7 +13,7 @@ import numpy as np
 class TableRow:
     """Tables 4, 6 and 8 of Lee 2019 without networks: one miniature on one scene.
 
-    Errors in metres; ``ms`` are medians of a frame, upscaling included.
+    Errors in metres; ``ms`` are medians of the processor's time for a frame, upscaling included.
     """
 
     table: int

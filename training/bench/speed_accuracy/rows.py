@@ -16,9 +16,7 @@ from training.rows import rounded
 
 TIMES = ("ms_q1", "ms_median", "ms_q3", "ms_best", "upscale_ms")
 GATE = 0.05  # of the way that the mean height goes
-MARGIN = 1.5  # that a calibration is to win by
 BASELINE = "miniature similar"
-CHEAPER = {2: 4.0, 4: 20.0}  # grid factor -> how much cheaper than the reference a miniature is to be
 
 
 @dataclass(frozen=True)
@@ -153,31 +151,4 @@ def table(rows: Sequence[SpeedAccuracyRow]) -> str:
                 f"{label(family, options):46s}{time:>22s}{''.join(f'{t:>10s}' for t in texts)}{gate:>7s}{r.long:8.3g}"
                 + (f"  {r.failure[:60]}" if r.failure else "")
             )
-    return "\n".join(lines)
-
-
-def claims(rows: Sequence[SpeedAccuracyRow], frames: int = 5) -> str:
-    """What issue and design ask of the miniature, with the figures."""
-    lines = []
-    at = {(r.scene, r.family, r.options): r for r in rows if r.frames == frames}
-    wins: dict[float, int] = {}
-    for scene in dict.fromkeys(r.scene for r in rows):
-        full = at.get((scene, "explicit", "{}"))
-        for factor in (2, 3, 4):
-            text = json.dumps({"factor": factor})
-            seed, similar, fitted = (at.get((scene, f"miniature {s}", text)) for s in ("seed", "similar", "calibrated"))
-            if not seed or not similar:
-                continue
-            line = f"{scene:10s} x{factor}: similar {similar.error:.3g} %, seed {seed.error / similar.error:.2f} x that"
-            if fitted and fitted.error > 0:
-                gain = similar.error / fitted.error
-                wins[factor] = wins.get(factor, 0) + (gain >= MARGIN)
-                line += f", calibrated {gain:.2f} x closer"
-            if full and full.ms_median > 0:
-                cheaper, best = full.ms_median / similar.ms_median, full.ms_best / similar.ms_best
-                goal = f" (goal {CHEAPER[factor]:g})" if factor in CHEAPER else ""
-                line += f"; {cheaper:.1f} x cheaper{goal}, {best:.1f} by best times"
-                line += f", upscaling {100 * similar.upscale_ms / similar.ms_median:.0f} % of it"
-            lines.append(line)
-    lines += [f"calibrated wins by {MARGIN:g} or more at x{f:g}: {n} scenes" for f, n in sorted(wins.items())]
     return "\n".join(lines)

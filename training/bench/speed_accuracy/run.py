@@ -24,7 +24,7 @@ from training.bench.measure import ERROR_KEY, HORIZONS, ErrorRow, errors
 from training.bench.participants import FAMILIES, FLOOR, ORACLE, THREADED, Participant, extra, swept, truth
 from training.bench.speed_accuracy.chart import OVERVIEW_FRAMES, STEM, draw
 from training.bench.speed_accuracy.long import BURN_IN, LongRow, gate_frames, long_runs
-from training.bench.speed_accuracy.rows import SpeedAccuracyRow, claims, summaries, table
+from training.bench.speed_accuracy.rows import SpeedAccuracyRow, summaries, table
 from training.bench.speed_accuracy.speedup import SpeedUpRow, speedups
 from training.bench.speed_accuracy.speedup import table as speedup_table
 from training.bench.windows import Windows, gather
@@ -172,10 +172,6 @@ BENCHMARK = Benchmark(
     },
     parts=[
         Part("Methods", (STEM,), table),
-        Part(
-            f"Miniature, error after {OVERVIEW_FRAMES} frames and time against explicit at full resolution "
-            "(upscaling included)", (STEM,), claims,
-        ),
         Part(
             "Speed-up at equal error, at most (interpolated), over ever stronger baselines; *: fails the height gate",
             (SPEEDUP,), speedup_table,

@@ -61,7 +61,7 @@ def rows_of(world: World, participants: Sequence[Participant], coarse: int) -> l
     true, near = truths(stage, world.seed)
     out = []
     for p in participants:
-        found = run(built(p, stage.scene), stage)
+        found = run(built(p, stage.scene, stage.start), stage)
         for level, frames in axis.marks(world.level, len(stage.controls)):
             place = Place(
                 world.axis, level, world.scene, p.label, options(p), *stage.scene.grid.shape, stage.scene.frame_dt,
