@@ -169,7 +169,3 @@ def main(argv: list[str] | None = None) -> int:
         particles(Recipe(epochs=options.epochs, basis=options.basis), options.out)
     sheets(names, options.out)
     return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

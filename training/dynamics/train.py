@@ -221,7 +221,3 @@ def main(argv: Sequence[str] | None = None) -> int:
         recipe = Recipe(seeds=given.seeds, warm=given.warm, steps=given.steps, hidden=given.hidden, memory=given.memory)
         train(scene, given.factors, recipe, given.out, cache)
     return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -172,7 +172,3 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise unknown_name("scene", scene, SCENES)
         train(scene, given.factors, Recipe(steps=given.steps, scaling=given.scaling), given.out, cache)
     return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

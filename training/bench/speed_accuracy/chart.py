@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from cloth_envs.style import COLORS, INK, limits
+from cloth_envs.style import INK, limits
 from training.bench.charts import SHADE, SOFT, dress, grid, legend, save
 from training.bench.participants import FLOOR, ORACLE
 from training.bench.speed_accuracy.rows import SpeedAccuracyRow, factor_of, front
 
 YELLOW = "#f6e8b1"
+OTHERS = ("#8b1a1a", "#5f7a00", "#4d4d4d", "#00868b")  # of what is not among CURVES
 MOST = 120.0  # % of the length; what is farther off is not drawn
 OVERVIEW_FRAMES = 5
 
@@ -59,7 +60,7 @@ LABELLED = ("miniature similar",)  # whose points tell their grid factor
 def curves(rows: Sequence[SpeedAccuracyRow]) -> dict[str, Curve]:
     """``CURVES``, and one for every family that is not among them: what ``--backend`` named."""
     others = dict.fromkeys(r.family for r in rows if r.family not in (*CURVES, *LINES, ORACLE, FLOOR))
-    return CURVES | {name: Curve(name, COLORS[i % len(COLORS)], "X", "-.") for i, name in enumerate(others)}
+    return CURVES | {name: Curve(name, OTHERS[i % len(OTHERS)], "<", "-.") for i, name in enumerate(others)}
 
 
 def _curve(axes: Any, curve: Curve, rows: Sequence[SpeedAccuracyRow], value: str) -> Any:

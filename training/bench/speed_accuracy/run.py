@@ -23,7 +23,7 @@ from training.bench.clock import COST_KEY, RUN_MS, RUNS, SLOW, TOO_SLOW, CostRow
 from training.bench.measure import ERROR_KEY, HORIZONS, ErrorRow, errors
 from training.bench.participants import FAMILIES, FLOOR, ORACLE, THREADED, Participant, extra, swept, truth
 from training.bench.speed_accuracy.chart import OVERVIEW_FRAMES, STEM, draw
-from training.bench.speed_accuracy.long import BURN_IN, LongRow, gate_frames, long_runs
+from training.bench.speed_accuracy.long import LongRow, gate_frames, long_runs
 from training.bench.speed_accuracy.rows import SpeedAccuracyRow, summaries, table
 from training.bench.speed_accuracy.speedup import SpeedUpRow, speedups
 from training.bench.speed_accuracy.speedup import table as speedup_table
@@ -97,9 +97,8 @@ def time(
 
 
 def score(
-    windows: Windows, long: Windows, participants: Sequence[Participant], stores: Stores, *, runs: int, budget: float,
-    horizons: Sequence[int] = HORIZONS, burn_in: int = BURN_IN,
-) -> None:  # fmt: skip
+    windows: Windows, long: Windows, participants: Sequence[Participant], stores: Stores, *, runs: int, budget: float
+) -> None:
     """Measure what the stores lack of one scene."""
     name, shape = windows.scene.name, windows.scene.grid.shape
     again = {(r.family, r.options) for r in stores.windows.rows if r.scene == name and "refused" in r.failure}
@@ -115,14 +114,14 @@ def score(
         own = participant.family, participant.text
         count = len(long.seeds) if floor else affordable(ms, len(windows.controls), len(windows.seeds), budget)
         part = windows.first(max(1, count))
-        keys = [(name, *shape, *own, seed, frames, part.key) for seed in set(part.seeds) for frames in horizons]
+        keys = [(name, *shape, *own, seed, frames, part.key) for seed in set(part.seeds) for frames in HORIZONS]
         if own in again or not all(key in stores.windows for key in keys):
-            stores.windows.add(*errors(participant, part, threads, horizons))
+            stores.windows.add(*errors(participant, part, threads))
         count = FLOOR_RUNS if floor else affordable(ms, len(long.controls), len(long.seeds), budget)
         whole = long.first(count) if count else long.first(1).until(gate_frames(long.scene))
         keys = [(name, *shape, *own, seed, len(whole.controls), long.key) for seed in whole.seeds]
         if own in again or not all(key in stores.long for key in keys):
-            stores.long.add(*long_runs(participant, whole, threads, burn_in))
+            stores.long.add(*long_runs(participant, whole, threads))
 
 
 def measure(session: Session) -> None:
