@@ -81,7 +81,9 @@ def steps_a_frame(scene: Scene) -> int:
     return round(count)
 
 
-def make_kernel(scene: Scene, cell: Cell, *, dtype: str = "float32", refine: int = 1) -> kernels.Particles32 | kernels.Particles64:
+def make_kernel(
+    scene: Scene, cell: Cell, *, dtype: str = "float32", refine: int = 1
+) -> kernels.Particles32 | kernels.Particles64:
     """The compiled steps of ``scene`` with the forces of ``cell``; ``refine`` divides every step.
 
     A step is ``v = exp(-drag h) (v + h (F + p sum r_a x r_b) / m)``, then balls, then ``x += h v`` (eq. 5).
