@@ -18,7 +18,10 @@ from cloth_envs.state import Controls, State
 NEIGHBOURS = np.array(
     [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1), (0, 2), (0, -2), (2, 0), (-2, 0)], np.int32
 )
-_KERNELS = {"float32": kernels.Particles32, "float64": kernels.Particles64}
+_KERNELS: dict[str, type[kernels.Particles32] | type[kernels.Particles64]] = {
+    "float32": kernels.Particles32,
+    "float64": kernels.Particles64,
+}
 
 
 @dataclass(frozen=True)
