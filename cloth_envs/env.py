@@ -24,7 +24,7 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
 
     Arguments:
         scene: the scene's name.
-        backend: which physics, by name: spaces, seeds and task are the same for all.
+        backend: which physics, by name or as ``module:attribute``: spaces, seeds and task are the same for all.
         backend_kwargs: passed to the backend; ``"reference"`` takes a ``solver`` and that solver's own options
             (see ``cloth_envs.physics.solver.SOLVERS``).
         obs: ``"keypoints"``, a flat Box, or ``"mesh"``, a Dict of the geometry image ``mesh`` ``(6, H, W)``

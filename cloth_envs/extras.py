@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.metadata import PackageNotFoundError, requires
 from pathlib import Path
 
 CHECKOUT = Path(__file__).resolve().parents[1]  # where this package lies in a checkout; site-packages elsewhere
@@ -16,13 +15,6 @@ def in_checkout() -> bool:
 def install(extra: str) -> str:
     """The command that brings the optional dependencies ``extra``.
 
-    The package is on no index: in a checkout it is installed from there, elsewhere its wheel has told what it needs.
+    The package is on no index: a checkout is installed again; an installed wheel satisfies pip, which adds the extra's.
     """
-    if in_checkout():
-        return f'pip install -e ".[{extra}]" in {CHECKOUT}'
-    try:
-        needs = requires("minicloth") or []
-    except PackageNotFoundError:
-        needs = []
-    parts = [need.split(";")[0].strip() for need in needs if f'extra == "{extra}"' in need.replace("'", '"')]
-    return "pip install " + " ".join(f'"{part}"' for part in parts or [f"minicloth[{extra}]"])
+    return f'pip install -e ".[{extra}]" in {CHECKOUT}' if in_checkout() else f'pip install "minicloth[{extra}]"'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -125,3 +126,17 @@ def coarser(resolution: tuple[int, int], factor: float) -> tuple[int, int]:
     """A grid of the same size with about ``factor`` times the spacing (1/2: half of it), exactly where it divides."""
     rows, cols = (max(3, round((n - 1) / factor) + 1) for n in resolution)
     return rows, cols
+
+
+def check_resolution(resolution: Sequence[int] | None, default: tuple[int, int]) -> tuple[int, int]:
+    """``(rows, cols)``, ``default`` for None.
+
+    Raises:
+        ValueError: anything but two whole numbers.
+    """
+    if resolution is None:
+        return default
+    shape = tuple(resolution) if isinstance(resolution, Sequence) else ()
+    if len(shape) != 2 or not all(isinstance(n, (int, np.integer)) for n in shape):
+        raise ValueError(f"resolution must be two whole numbers (rows, cols), got {resolution!r}")
+    return int(shape[0]), int(shape[1])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
@@ -118,3 +118,21 @@ def as_material(value: Material | str | Mapping[str, Any] | None, default: Mater
         base = default if fabric is None else as_material(fabric, default)
         return base.with_changes(**changes)
     raise ValueError(f"material must be a fabric's name or a dict of properties, got {value!r}")
+
+
+def check_ranges(randomize: Mapping[str, Sequence[float]] | None) -> dict[str, tuple[float, float]]:
+    """What ``randomize`` says, ``{property: (low, high)}``.
+
+    Raises:
+        ValueError: an unknown property (the nearest match is named), or a range that is none.
+    """
+    ranges = {}
+    for name, limits in (randomize or {}).items():
+        if name not in PROPERTIES:
+            raise unknown_name("material property in randomize", name, PROPERTIES)
+        if not isinstance(limits, Sequence) or len(limits) != 2 or not limits[0] <= limits[1]:
+            raise ValueError(f"randomize[{name!r}] must be (low, high) with low <= high, got {limits!r}")
+        for value in limits:
+            Material().with_changes(**{name: value})
+        ranges[name] = (float(limits[0]), float(limits[1]))
+    return ranges

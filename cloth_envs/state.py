@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from functools import cached_property
 
 import numpy as np
 
@@ -86,18 +85,24 @@ class LazyState(State):
         self, known: State, positions: Callable[[State], np.ndarray], velocities: Callable[[State], np.ndarray]
     ) -> None:
         self._compute = positions, velocities
+        self._positions: np.ndarray | None = None
+        self._velocities: np.ndarray | None = None
         self.colliders, self.collider_velocities = known.colliders, known.collider_velocities
         self.wind, self.pressure, self.time = known.wind, known.pressure, known.time
 
-    @cached_property
+    @property
     def positions(self) -> np.ndarray:  # type: ignore[override]
         """``(B, 3, H, W)`` [m]."""
-        return self._compute[0](self)
+        if self._positions is None:
+            self._positions = self._compute[0](self)
+        return self._positions
 
-    @cached_property
+    @property
     def velocities(self) -> np.ndarray:  # type: ignore[override]
         """``(B, 3, H, W)`` [m/s]."""
-        return self._compute[1](self)
+        if self._velocities is None:
+            self._velocities = self._compute[1](self)
+        return self._velocities
 
 
 @dataclass

@@ -10,7 +10,8 @@ import numpy as np
 from gymnasium import spaces
 
 from cloth_envs.failure import Failures
-from cloth_envs.material import PROPERTIES, Material, as_material
+from cloth_envs.grid import check_resolution
+from cloth_envs.material import PROPERTIES, Material, as_material, check_ranges
 from cloth_envs.naming import unknown_name
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import load_task, make_backend
@@ -25,7 +26,7 @@ VELOCITY_BOUND = 100.0  # m/s
 
 
 class World:
-    """``num_envs`` episodes of one scene on one backend.
+    """``num_envs`` episodes of one scene, by its name or its task's class, on one backend.
 
     Attributes:
         controls: what the last ``step`` gave to the backend; None before the first.
@@ -37,7 +38,7 @@ class World:
 
     def __init__(
         self,
-        scene: str,
+        scene: str | type[Task],
         *,
         num_envs: int = 1,
         backend: str = "reference",
@@ -50,13 +51,16 @@ class World:
     ) -> None:
         if obs not in OBSERVATIONS:
             raise unknown_name("observation", obs, OBSERVATIONS)
-        task_class = load_task(scene) if preset is None else load_preset(scene, preset)
+        if not isinstance(scene, str):
+            task_class = scene
+        else:
+            task_class = load_task(scene) if preset is None else load_preset(scene, preset)
         for name, value in {"material": material, "randomize": randomize, "resolution": resolution}.items():
             if value and name in task_class.fixed:
                 raise ValueError(f"preset={preset!r} fixes the {name}: leave {name}= out")
         base = as_material(material, task_class.material)
-        self.ranges = _check_ranges(randomize)
-        shape = _check_resolution(resolution, task_class.resolution)
+        self.ranges = check_ranges(randomize)
+        shape = check_resolution(resolution, task_class.resolution)
         self.task: Task = task_class(task_class.make_scene(resolution=shape, material=base))
         self.scene = self.task.scene
         if backend == "reference" and "solver" not in (backend_kwargs or {}):
@@ -240,25 +244,3 @@ class World:
         own = {name: parts.get(f"backend.{name}") for name in self.backend.memory}
         if all(a is not None and a.shape == self.backend.memory[name].shape for name, a in own.items()):
             self.backend.recall({name: a for name, a in own.items() if a is not None})
-
-
-def _check_ranges(randomize: Mapping[str, Sequence[float]] | None) -> dict[str, tuple[float, float]]:
-    ranges = {}
-    for name, limits in (randomize or {}).items():
-        if name not in PROPERTIES:
-            raise unknown_name("material property in randomize", name, PROPERTIES)
-        if not isinstance(limits, Sequence) or len(limits) != 2 or not limits[0] <= limits[1]:
-            raise ValueError(f"randomize[{name!r}] must be (low, high) with low <= high, got {limits!r}")
-        for value in limits:
-            Material().with_changes(**{name: value})
-        ranges[name] = (float(limits[0]), float(limits[1]))
-    return ranges
-
-
-def _check_resolution(resolution: Sequence[int] | None, default: tuple[int, int]) -> tuple[int, int]:
-    if resolution is None:
-        return default
-    shape = tuple(resolution) if isinstance(resolution, Sequence) else ()
-    if len(shape) != 2 or not all(isinstance(n, (int, np.integer)) for n in shape):
-        raise ValueError(f"resolution must be two whole numbers (rows, cols), got {resolution!r}")
-    return int(shape[0]), int(shape[1])

@@ -74,3 +74,13 @@ def written(name: str, folder: Path) -> Checkpoint:
     load.cache_clear()
     arrays, card = load(name, folder)
     return Checkpoint(dict(arrays), dict(card["factors"]))
+
+
+def add_factor(
+    name: str, factor: int, arrays: Mapping[str, np.ndarray], about: Any, card: Mapping[str, Any], folder: Path
+) -> None:
+    """Write one factor's arrays into such a checkpoint, and ``about`` them into its card; other factors stay."""
+    known, done = written(name, folder)
+    known = {key: value for key, value in known.items() if not key.startswith(f"{factor}.")}
+    known |= {f"{factor}.{key}": value for key, value in arrays.items()}
+    save(name, known, {**card, "factors": done | {str(factor): about}}, folder)

@@ -20,10 +20,10 @@ def test_training_is_found_beside_the_package(tmp_path: Path) -> None:
     """As after ``pip install -e``, which puts only the installed packages on the path."""
     program = (
         "import sys, cloth_envs; from cloth_envs.extras import CHECKOUT; from cloth_envs.commands.cli import main; "
-        "sys.path[:] = [path for path in sys.path if path != str(CHECKOUT)]; main(['bench', 'throughput', '--help'])"
+        "sys.path[:] = [path for path in sys.path if path != str(CHECKOUT)]; main(['generate', 'Flag', '--help'])"
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert "--quick" in done.stdout
+    assert "--preset" in done.stdout
 
 
 @pytest.mark.parametrize("argv", COMMANDS)
@@ -49,9 +49,7 @@ def test_somebody_elses_training_is_not_taken_for_ours(
 def test_install_lines_work_where_they_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
     assert extras.install("render") == f'pip install -e ".[render]" in {Path(__file__).parents[1]}'
     monkeypatch.setattr(extras, "in_checkout", lambda: False)
-    needs = ["numpy>=2", "ipctk>=1.4; extra == 'metrics'", 'trimesh; extra == "metrics"', "vtk; extra == 'render'"]
-    monkeypatch.setattr(extras, "requires", lambda name: needs)
-    assert extras.install("metrics") == 'pip install "ipctk>=1.4" "trimesh"'
+    assert extras.install("metrics") == 'pip install "minicloth[metrics]"'
 
 
 def test_the_implicit_solver_says_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:

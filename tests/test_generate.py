@@ -13,8 +13,8 @@ from cloth_envs.presets.lee2019 import Flag2019
 from surrogates.miniature.backend import MiniatureBackend
 from surrogates.miniature.coarse import coarse_grid
 from training import generate as module
-from training.dataset import INPUTS, Pairs, data_hash, read, shards
 from training.generate import Plan, draw, generate, main, simulate, task_of
+from training.upscaler.data import INPUTS, Pairs, data_hash, read, shards
 
 PLAN = Plan("Flag", frames=6, window=3, factors=(2,))
 
@@ -34,10 +34,10 @@ def test_a_killed_writer_leaves_whole_shards_and_the_next_one_goes_on(
 
     whole = module.miniature_runs
 
-    def dies(plan: Any, task: Any, *rest: Any) -> np.ndarray:
+    def dies(*given: Any) -> np.ndarray:
         if len(list(tmp_path.glob("*.h5"))) == 2:
             raise Killed
-        return whole(plan, task, *rest)
+        return whole(*given)
 
     monkeypatch.setattr(module, "miniature_runs", dies)
     with pytest.raises(Killed):
@@ -94,8 +94,9 @@ def test_pairs_are_the_stored_frames(folder: Path) -> None:
     assert one.runs.shape == (2, 6, 3, 17, 25)
     own = draw(PLAN, 3)
     task = task_of("Flag", "lee2019", own)
-    states, controls = simulate(task, "lee2019", np.random.default_rng((0, 3, 1)), 6, own.push)
-    np.testing.assert_array_equal(np.concatenate([s.positions for s in states]), one.fine)
+    run = simulate(task, "lee2019", np.random.default_rng((0, 3, 1)), 6, own.push)
+    states, controls = run.states, run.controls
+    np.testing.assert_array_equal(np.concatenate([states[frame].positions for frame in range(7)]), one.fine)
     backend = MiniatureBackend(task.scene, solver="admm", solver_kwargs={"iterations": 10})
     backend.reset(states[3])
     backend.advance(controls[3])

@@ -30,6 +30,7 @@ def arguments(name: str, dtype: type, rng: np.random.Generator) -> list[tuple[An
         "tolerance": [(at[:, 0], 0.3), (at[:, 0], 0.3, 0.25), (at, 0.5), (at, 0.5, 0.25)],
         "mean_point": [(cloth, some)],
         "root_mean_square": [(cloth, some), (cloth, some, 1, 2)],
+        "mean_span": [(cloth, some, others)],
         "loop_area": [(cloth, some)],
         "largest_stretch": [(cloth, some, others, rng.uniform(0.5, 1, 7))],
         "columns": [(at, now, time, cloth[:, 0, 0, 0])],

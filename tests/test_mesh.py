@@ -3,30 +3,34 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cloth_envs.registry import load_task
-from training.bench.mesh import METHODS, Changed, decimated, gather, main, measure
-from training.bench.participants import Method
-from training.bench.truth import Case, load
+from training.bench.benchmark import find
+from training.bench.mesh.run import compare, decimated, gather
+from training.bench.participants import MESH, Participant
+from training.truth import Case, load
+
+(CHANGED,) = (participant for participant in MESH if participant.family == "changed material")
 
 
 def test_the_error_of_a_mesh_falls_as_the_square_of_its_spacing(tmp_path: Path) -> None:
     """The springs are a second-order scheme (4 a halving) where the sheet is smooth: taut, and without contact."""
     errors = []
     for coarse in (4, 2):
-        windows = gather([Case("Pressure", 200, coarse, 2)], (10,), 5, tmp_path)
-        (row,) = measure(windows, METHODS[:1], (5,))
+        windows = gather([Case("Pressure", 200, coarse, "g2")], (10,), 5, tmp_path)
+        (row,) = compare(windows, MESH[:1], (5,))
         assert not row.failure
         errors.append(row.error)
     assert 2**1.5 < errors[0] / errors[1] < 2**2.5
 
 
 def test_windows_are_the_fine_sheet_at_common_vertices(tmp_path: Path) -> None:
-    case = Case("Flag", 200, 4, 2)
+    case = Case("Flag", 200, 4, "g2")
     windows = gather([case], (2,), 3, tmp_path)
     truth = load(case, 5, range(2, 6), tmp_path)
     assert (
@@ -45,10 +49,10 @@ def test_windows_are_the_fine_sheet_at_common_vertices(tmp_path: Path) -> None:
 
 
 def test_a_changed_material_is_the_reference_with_it(tmp_path: Path) -> None:
-    windows = gather([Case("Flag", 200, 4, 2)], (2,), 3, tmp_path)
+    windows = gather([Case("Flag", 200, 4, "g2")], (2,), 3, tmp_path)
     same, soft, plain = (
-        measure(windows, [method], (3,))[0].error
-        for method in (Changed("", {"compression": 1.0}), Changed("", {"compression": 0.1}), Method("explicit"))
+        compare(windows, [participant], (3,))[0].error
+        for participant in (replace(CHANGED, options={"compression": 1.0}), CHANGED, Participant("explicit"))
     )
     assert same == plain
     assert soft != plain
@@ -56,16 +60,16 @@ def test_a_changed_material_is_the_reference_with_it(tmp_path: Path) -> None:
 
 def test_other_handles_on_the_fine_mesh_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="other handles"):  # four rings instead of seven
-        gather([Case("Curtain", 200, 4, 2)], (1,), 1, tmp_path)
+        gather([Case("Curtain", 200, 4, "g2")], (1,), 1, tmp_path)
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     argv = ["--quick", "--scenes", "Pressure", "--out", str(tmp_path / "out"), "--cache", str(tmp_path)]
-    assert main(argv) == 0
-    assert "quick" in capsys.readouterr().out
+    assert find("mesh").main(argv) == 0
+    assert "QUICK" in capsys.readouterr().out
     with (tmp_path / "out" / "mesh_error.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert {row["frames"] for row in rows} == {"1", "5", "10", "25"}
     assert {row["start"] for row in rows} == {"restart", "beginning"}
-    assert len(rows) == 2 * 4 * len(METHODS)
+    assert len(rows) == 2 * 4 * len(MESH)
     assert all(float(row["error"]) > 0 for row in rows)

@@ -48,13 +48,11 @@ def test_distances_of_a_shift_and_of_one_vertex() -> None:
         errors.distances(FLAT, FLAT[..., :-1])
 
 
-def test_relative_l2_and_skill() -> None:
+def test_relative_l2() -> None:
     """A sheet twice as wide is as far from the sheet as that reaches from its centre, wherever the origin is."""
     centred = FLAT - FLAT.mean((2, 3), keepdims=True)
     assert errors.relative_l2(2 * centred + 5, centred + 5) == pytest.approx(1)
     assert errors.relative_l2(FLAT + 100, FLAT + 100) == 0
-    assert errors.skill(0.25, 1.0) == 0.75
-    assert errors.skill(2.0, 1.0) == -1
 
 
 def test_psnr_of_a_tenth_of_the_range_is_20_db() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -23,6 +24,7 @@ from surrogates.miniature.backend import MiniatureBackend
 from surrogates.miniature.closure import miniature_material
 from surrogates.miniature.coarse import coarse_grid
 from surrogates.miniature.handles import Handles
+from surrogates.upscale.protocol import LEARNED, RememberingUpscaler
 
 SMALL = {"Curtain": (49, 33), "Flag": (17, 25), "Collision": (25, 17)}
 
@@ -110,7 +112,7 @@ def test_handles_stay_where_they_are_driven_and_the_cloth_stays_whole(scene: str
     for _ in range(10):
         _, _, failed, _, info = env.step(env.action_space.sample())
         assert not failed, info
-    world = env._world
+    world = env.world
     controls = env.task.controls(world.episode)
     held = world.backend.advance(controls).positions.reshape(3, -1)[:, list(env.scene.handles)]
     np.testing.assert_array_equal(held.T, controls.handle_positions[0].astype(np.float32))
@@ -132,14 +134,94 @@ def test_every_handle_is_followed_and_no_coarse_vertex_is_driven_far_from_one() 
 def test_the_fine_cloth_is_computed_when_it_is_read() -> None:
     env = make("Hanging")
     env.reset(seed=0)
-    state = env.world.backend.advance(Controls.hold(env.state, env.scene.handles))
+    backend, calls = env.world.backend, []
+    for name in ("positions", "velocities"):
+        method = getattr(backend.upscaling, name)
+        setattr(backend.upscaling, name, lambda history, n=name, m=method: calls.append(n) or m(history))
+    state = backend.advance(Controls.hold(env.state, env.scene.handles))
     assert isinstance(state, LazyState)
     assert state.batch == 1
-    assert "positions" not in vars(state)
-    first = state.positions
-    assert state.positions is first
-    assert "velocities" not in vars(state)
+    assert calls == []
+    assert state.positions is state.positions
+    assert calls == ["positions"]
     assert state.copy().positions.shape == (1, 3, 17, 17)
+    assert calls == ["positions", "velocities"]
+
+
+def test_a_state_that_is_read_late_is_the_one_of_its_frame() -> None:
+    """After more frames, and after another member began anew; the network reads three frames of history."""
+    world = World("Flag", num_envs=2, preset="lee2019", backend="miniature", backend_kwargs={"upscaler": "fc"})
+    world.reset({i: np_random(i)[0] for i in range(2)})
+    backend, controls = world.backend, Controls.hold(world.state, world.scene.handles)
+    start = world.state.copy()
+    at_once = [backend.advance(controls).copy() for _ in range(4)]
+    backend.reset(start)
+    late = [backend.advance(controls) for _ in range(3)]
+    backend.reset(start.select([1]), which=[1])
+    backend.advance(controls)
+    for one, other in zip(at_once, late, strict=False):
+        for name, field in one.arrays().items():
+            if name != "time":
+                np.testing.assert_array_equal(getattr(other, name), field)
+
+
+class Fading(RememberingUpscaler):
+    """Half of what is interpolated now and half of what it said last: the smallest method with a memory of its own."""
+
+    frames = 2
+
+    def reset(self, which: Sequence[int], history: Sequence[State]) -> None:
+        said = self.bicubic(history[-1].positions)
+        if not hasattr(self, "said"):
+            self.said = said
+        self.said[list(which)] = said[list(which)]
+
+    @property
+    def memory(self) -> dict[str, np.ndarray]:
+        return {"said": self.said}
+
+    def recall(self, memory: Mapping[str, np.ndarray]) -> None:
+        self.said = memory["said"].copy()
+
+    def positions(self, history: Sequence[State]) -> np.ndarray:
+        moving = (history[-1].positions - history[-2].positions) / np.float32(self.fine.frame_dt)
+        now = self.bicubic(history[-1].positions + 0.1 * np.float32(self.fine.frame_dt) * moving)
+        self.said = (now + self.said) / 2
+        return self.said.copy()
+
+
+@pytest.mark.parametrize("registered", [True, False])
+def test_a_method_with_a_memory_is_one_more_upscaler(registered: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read or not, saved and continued, reset member by member: it says the same."""
+    name = f"{__name__}:Fading"
+    if registered:
+        monkeypatch.setitem(LEARNED, "fading", name)
+    options = {"upscaler": "fading" if registered else name}
+    worlds = [World("Hanging", num_envs=2, backend="miniature", backend_kwargs=options) for _ in range(3)]
+    idle = np.zeros((2, len(worlds[0].task.actions)))
+    for world in worlds:
+        world.reset({i: np_random(i)[0] for i in range(2)})
+        for _ in range(3):
+            world.step(idle)
+    read, unread, continued = worlds
+    said = read.backend.upscaling.said  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(said[..., -1, :], read.state.positions[..., -1, :])  # far from handles
+    controls = read.task.controls(read.episode)
+    for _ in range(2):
+        last = read.backend.advance(controls).positions
+    unread.backend.advance(controls)
+    np.testing.assert_array_equal(unread.backend.advance(controls).positions, last)
+
+    saved = continued.get_state()
+    fresh = World("Hanging", num_envs=2, backend="miniature", backend_kwargs=options)
+    fresh.reset({i: np_random(7)[0] for i in range(2)})
+    fresh.set_state(saved)
+    for world in (continued, fresh):
+        world.step(idle)
+    np.testing.assert_array_equal(fresh.state.positions, continued.state.positions)
+    start = continued.state.copy()
+    continued.reset({0: np_random(5)[0]})
+    np.testing.assert_array_equal(continued.state.positions[1], start.positions[1])
 
 
 def test_each_scaling_is_nearer_to_the_reference_than_the_one_before() -> None:

@@ -6,16 +6,20 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
+from cloth_envs.backend import Backend
+from cloth_envs.naming import resolve
 from cloth_envs.scene import Scene
-from training.bench.benchmark import BENCHMARKS
-from training.bench.cost import TOLERANCE
+from cloth_envs.state import Controls, State
+from training.bench.benchmark import find
 from training.bench.peers import rows as peers_rows
 from training.bench.peers import run as peers
+from training.bench.peers.rows import TOLERANCE
 from training.bench.peers.scenes import (
     DROP,
     EARLY,
@@ -23,8 +27,7 @@ from training.bench.peers.scenes import (
     NAMES,
     RADIUS,
     WAVE,
-    Engine,
-    Own,
+    Peer,
     Setup,
     build,
     error_mm,
@@ -39,15 +42,15 @@ pytestmark = pytest.mark.filterwarnings("ignore:'locale.getdefaultlocale:Depreca
 
 
 @pytest.fixture(params=PEERS)
-def peer(request: pytest.FixtureRequest) -> Callable[..., Engine]:
+def peer(request: pytest.FixtureRequest) -> Callable[..., Peer]:
     """What builds the engine; the test is skipped where it is not installed."""
     if reason := peers.missing(request.param):
         pytest.skip(reason)
-    return peers.engine_class(request.param)
+    return resolve(peers.CLASSES[request.param])
 
 
-def truth(setup: Setup, **options: object) -> Own:
-    return peers.make(peers_rows.OWN, setup, {**peers.TRUTH, **options})  # type: ignore[return-value]
+def truth(setup: Setup, **options: object) -> Any:
+    return peers.make(peers.Entry(peers_rows.OWN, {**peers.TRUTH, **options}), setup)
 
 
 def test_scenes_are_those_of_the_table() -> None:
@@ -73,34 +76,34 @@ def test_scenes_are_those_of_the_table() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_peer_has_our_masses_pins_and_start(peer: Callable[..., Engine], name: str) -> None:
+def test_a_peer_has_our_masses_pins_and_start(peer: Callable[..., Peer], name: str) -> None:
     setup = build(name, 4)
     engine = peer(setup)
     np.testing.assert_allclose(engine.masses, setup.scene.mass, rtol=1e-12)
     for _ in range(2):
         # Single precision keeps 6e-8 of the 1.5 m.
-        np.testing.assert_allclose(engine.state()[0], setup.start.positions[0], atol=1e-7)
-        assert not engine.state()[1].any()
-        wall, cpu = engine.advance()
-        assert wall > 0
-        assert cpu >= 0
-        x, v = engine.state()
+        np.testing.assert_allclose(engine.state.positions, setup.start.positions, atol=1e-7)
+        assert not engine.state.velocities.any()
+        engine.advance(setup.controls)
+        assert engine.watch.wall > 0
+        assert engine.watch.cpu >= 0
+        x, v = engine.read()
         np.testing.assert_allclose(x[:, setup.pins], setup.start.positions[0][:, setup.pins], atol=1e-7)
         assert not v[:, setup.pins].any()
         assert abs(v[:, ~setup.pins]).max() > 0
-        engine.reset()
+        engine.reset(setup.start)
 
 
-def test_a_peer_falls_freely(peer: Callable[..., Engine]) -> None:
+def test_a_peer_falls_freely(peer: Callable[..., Peer]) -> None:
     setup = build("C", 4)
     engine, frames, substeps = peer(setup, substeps=4), 4, 4
     for _ in range(frames):
-        engine.advance()
+        engine.advance(setup.controls)
     m, scene = setup.scene.material, setup.scene
     t, h = frames * scene.frame_dt, scene.frame_dt / substeps
     # Drag c: x = g (t / c - (1 - exp(-c t)) / c^2). First order in h: the velocity is late or early by g h at most.
     fallen = scene.gravity * (t / m.drag - (1 - np.exp(-m.drag * t)) / m.drag**2)
-    sunk = (setup.start.positions[0, 2] - engine.state()[0][2]).mean()
+    sunk = (setup.start.positions[0, 2] - engine.state.positions[0, 2]).mean()
     assert sunk == pytest.approx(fallen, abs=scene.gravity * h * t)
 
 
@@ -109,16 +112,18 @@ def test_explicit_taichi_computes_our_forces(name: str) -> None:
     if reason := peers.missing("Taichi"):
         pytest.skip(reason)
     setup = build(name, 4)
-    taichi, ours = peers.make("Taichi", setup, {"method": "explicit"}), truth(setup, dtype="float32", refine=1)
-    assert taichi.substeps == ours.substeps
+    taichi: Any = peers.make(peers.Entry("Taichi", {"method": "explicit"}), setup)
+    ours = truth(setup, dtype="float32", refine=1)
+    ours.reset(setup.start)
+    assert [taichi.substeps] == ours.substeps
     frames = setup.frames(EARLY)
     for engine in (taichi, ours):
         for _ in range(frames):
-            engine.advance()
+            engine.advance(setup.controls)
     # Both round 1.5 m to 1.2e-7 m, and a spring of strain s at each substep by that over its length; unsteady
     # motion lets it add up over the substeps.
-    tolerance = 1.2e-7 * frames * ours.substeps
-    np.testing.assert_allclose(taichi.state()[0], ours.state()[0], atol=tolerance)
+    tolerance = 1.2e-7 * frames * taichi.substeps
+    np.testing.assert_allclose(taichi.state.positions, ours.state.positions, atol=tolerance)
 
 
 def test_xpbd_tends_to_our_truth() -> None:
@@ -130,7 +135,7 @@ def test_xpbd_tends_to_our_truth() -> None:
     true = follow(setup, truth(setup), seconds=EARLY).early
     errors = []
     for substeps in (20, 40, 80):
-        engine = peers.make("Taichi", setup, {"method": "xpbd", "substeps": substeps})
+        engine = peers.make(peers.Entry("Taichi", {"method": "xpbd", "substeps": substeps}), setup)
         errors.append(error_mm(setup, follow(setup, engine, seconds=EARLY).early, true))
     # First order in the step: halves; 1.5 leaves room for the second. Steps below half a millisecond round.
     assert errors[1] < errors[0] / 1.5
@@ -160,22 +165,19 @@ def test_mujocos_shell_has_our_stiffness() -> None:
 
 
 class Broken:
-    """An engine whose cloth is gone after two frames."""
+    """A backend whose cloth is gone after two frames."""
 
-    def __init__(self, engine: Engine) -> None:
-        self._engine, self.substeps, self.masses, self._frames = engine, 1, engine.masses, 0
+    def __init__(self, backend: Backend) -> None:
+        self._backend, self._frames = backend, 0
 
-    def reset(self) -> None:
+    def reset(self, *given: Any) -> None:
         self._frames = 0
-        self._engine.reset()
+        self._backend.reset(*given)
 
-    def advance(self) -> tuple[float, float]:
+    def advance(self, controls: Controls) -> State:
         self._frames += 1
-        return self._engine.advance()
-
-    def state(self) -> tuple[np.ndarray, np.ndarray]:
-        x, v = self._engine.state()
-        return (x, v) if self._frames < 2 else (x * np.nan, v)
+        state = self._backend.advance(controls)
+        return state if self._frames < 2 else replace(state, positions=state.positions * np.nan)
 
 
 def weaker(scene: Scene) -> Scene:
@@ -191,7 +193,7 @@ def test_slow_motion_failures_and_long_runs_are_told() -> None:
     assert error_mm(setup, slow.early, true.early) > 1
     assert 0 < p99(setup, true.late) < 0.05
     assert len(true.seconds) == setup.frames(LATE)
-    broken = follow(setup, Broken(truth(setup)))
+    broken = follow(setup, Broken(truth(setup)))  # type: ignore[arg-type]
     assert broken.failure == "non-finite at frame 2"
     assert broken.late is None
     assert np.isnan(error_mm(setup, broken.early, true.early))
@@ -199,10 +201,10 @@ def test_slow_motion_failures_and_long_runs_are_told() -> None:
     assert follow(setup, truth(setup), limit=0).failure == "stopped after 0 s, at frame 1"
 
 
-def row(engine: str, ms: float, error: float, **changes: object) -> peers_rows.Row:
+def row(engine: str, ms: float, error: float, **changes: object) -> peers_rows.PeerRow:
     nan = float("nan")
     settings = '{"solver": "explicit"}' if engine == peers_rows.OWN else '{"method": "explicit"}'
-    base = peers_rows.Row(
+    base = peers_rows.PeerRow(
         "A", 3, 3, engine, settings, 1, 5, ms, ms, ms, ms, error, error, nan, nan, 0, nan, 0, 0, 0.01, 1, ""
     )
     return replace(base, **changes)  # type: ignore[arg-type]
@@ -235,11 +237,12 @@ def test_end_to_end_without_any_peer(
         {"solver": "explicit", "refine": 2},
     ]
     monkeypatch.setitem(peers.SETTINGS, peers_rows.OWN, [settings[0], {}, {}, settings[2]])
-    assert peers.main(["--quick", "--budget", "0", "--out", str(tmp_path)]) == 0
+    argv = ["--quick", "--budget", "0", "--out", str(tmp_path)]
+    assert peers.BENCHMARK.main(argv) == 0
     text = capsys.readouterr().out
     assert "skipped: MuJoCo is not installed" in text
     assert "QUICK" in text
-    rows = read_rows(tmp_path / "peers.csv", peers_rows.Row)
+    rows = read_rows(tmp_path / "peers.csv", peers_rows.PeerRow)
     assert [(r.scene, r.settings) for r in rows] == [
         (name, json.dumps(options)) for name in NAMES for options in (settings[0], settings[2])
     ]
@@ -252,12 +255,16 @@ def test_end_to_end_without_any_peer(
     assert json.loads((tmp_path / "peers.json").read_text())["quick"] is True
     assert ElementTree.parse(tmp_path / "peers.svg").getroot().tag.endswith("svg")
     assert (tmp_path / "peers.png").stat().st_size > 10_000
+    assert peers.BENCHMARK.main([*argv, "--scenes", "C", "--backend", 'miniature={"factor": 2}']) == 0
+    assert "miniature factor=2" in capsys.readouterr().out
+    again = read_rows(tmp_path / "peers.csv", peers_rows.PeerRow)
+    assert str([r for r in again if r.scene != "C"]) == str([r for r in rows if r.scene != "C"])  # measured once
 
 
 def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(peers, "find_spec", lambda name: None)
     assert "pip install" in peers.missing("MuJoCo")
     assert not peers.missing(peers_rows.OWN)
-    assert BENCHMARKS["peers"] == "training.bench.peers.run:main"
-    with pytest.raises(ValueError, match="A, B, C"):
-        peers.main(["--scenes", "D"])
+    assert find("peers") is peers.BENCHMARK
+    with pytest.raises(ValueError, match="'A', 'B', 'C'"):
+        peers.BENCHMARK.main(["--scenes", "D"])

@@ -21,13 +21,16 @@ from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 from surrogates import checkpoint
-from surrogates.cell.backend import CellNet, CellSheet, TorchNet, dimensional, dimensionless
+from surrogates.cell.compiled import CellNet, CellSheet, dimensional, dimensionless
+from surrogates.cell.engine import TorchNet
 from surrogates.cell.numbers import CLASSES
 from training.bench.papers import cell as cnn
-from training.bench.papers import large_step as cnn_large_step
-from training.physics_cnn_fit import as_cell, least_squares, rows
-from training.physics_cnn_sheets import columns, identify, solve
-from training.train_physics_cnn import main
+from training.bench.papers.large_step import growth
+from training.bench.papers.rows import CELL_KEY, CellRow, cell_text
+from training.cell.sheets import columns, identify, solve
+from training.cell.solve import as_cell, least_squares, rows
+from training.cell.train import main
+from training.rows import Store
 
 EPS = {"float32": np.finfo(np.float32).eps, "float64": np.finfo(np.float64).eps}
 NETS = [(scene, preset) for preset in ("zhao2024", "zhao2024-fall") for scene in PRESETS[preset]]
@@ -238,20 +241,20 @@ def test_the_compiled_engine_does_not_import_torch() -> None:
 
 
 def test_table_2_has_its_rows(tmp_path: Path) -> None:
-    store = cnn.Store(tmp_path / "cnn.csv", cnn.Row, ("scene", "run", "steps"))
+    store = Store(tmp_path / "cnn.csv", CellRow, CELL_KEY)
     cnn.score(store, 3)
-    found = {(row.scene, row.run): row for row in cnn.Store(store.path, cnn.Row, store.key).rows}
+    found = {(row.scene, row.run): row for row in Store(store.path, CellRow, CELL_KEY).rows}
     assert {scene for scene, _ in found} == set(cnn.CASES)
     assert found["fall", "cnn_particles_fall"].paper == 0.213
     # Three steps of float32 next to a metre.
     assert 0 < found["ball", "simulator, float32"].whole < 100 * 16 * EPS["float32"]
-    assert "cnn_particles_blow" in cnn.text(store.rows, [], [])
+    assert "cnn_particles_blow" in cell_text(store.rows, [], [])
 
 
 @pytest.mark.parametrize(("ratio", "cells"), [(1.0, 1), (2.0, 1), (2.0, 2), (3.0, 2), (3.0, 3)])
 def test_cells_cannot_step_further_than_as_many_explicit_steps(ratio: float, cells: int) -> None:
     """Markov's inequality: the least growth is 1 up to ``ratio = cells``; one cell's is that of explicit Euler."""
-    found = cnn_large_step.growth(ratio, cells)
+    found = growth(ratio, cells)
     assert (found < 1 + 1e-3) == (ratio <= cells)
     if cells == 1:
         b = max(1.0, 2 * ratio**2 - 1)  # |1 - z / 2| at z = 4 R^2

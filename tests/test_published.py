@@ -6,19 +6,42 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
+import cloth_envs
 from surrogates.checkpoint import WEIGHTS, load
-from training.bench.papers import published, published_chart
-from training.bench.papers import run as tables
-from training.bench.papers.published import KEY, POINT_KEY, Point, Row, measure, pairs, score, text, windows
-from training.bench.papers.published_readings import measured, motion
-from training.bench.papers.published_runs import UNSCALED, UPSCALERS, by_frame, held_out, miniature, teacher, unscaled
-from training.recipes.published import SCENES, SHIPPED
+from training.bench.papers import chart, published
+from training.bench.papers.published import fill, pairs, score, windows
+from training.bench.papers.readings import measured, motion
+from training.bench.papers.rows import FRAME_KEY, PUBLISHED_KEY, FrameErrorRow, PublishedRow, published_text
+from training.bench.papers.runs import (
+    PRESET,
+    UNSCALED,
+    UPSCALERS,
+    by_frame,
+    held_out,
+    miniature,
+    teacher,
+    unscaled,
+)
+from training.bench.participants import extra
+from training.recipes.upscaler import SCENES, SHIPPED
 from training.rows import Store
 
 FRAMES = 4
+
+
+def played(backend: str, options: dict[str, Any]) -> np.ndarray:
+    """Positions ``(FRAMES, 3, H, W)`` of an environment with zero actions, its controls from its own state."""
+    env = gym.make(cloth_envs.env_id("Flag"), backend=backend, backend_kwargs=options, preset=PRESET)
+    env.reset(seed=0)
+    found = []
+    for _ in range(FRAMES):
+        env.step(np.zeros(env.action_space.shape, np.float32))
+        found.append(env.unwrapped.world.state.positions[0].copy())  # type: ignore[attr-defined]
+    return np.stack(found)
 
 
 def test_rows_of_a_free_run_are_those_of_the_backend() -> None:
@@ -26,13 +49,13 @@ def test_rows_of_a_free_run_are_those_of_the_backend() -> None:
     rows, points = score("T7", "Flag", 2, FRAMES, {})
     free = {r.method: r for r in rows if r.protocol == "free"}
     assert set(UPSCALERS) | {UNSCALED, "teacher nudged"} <= set(free)
-    _, truth, _ = tables.run("Flag", FRAMES, "reference", tables.TEACHER)
+    truth = played("reference", {})
     for name in ("bicubic", "fc", "hdnn"):
         options = {"upscaler": name, "solver": "admm", "solver_kwargs": {"iterations": 10}}
-        _, found, _ = tables.run("Flag", FRAMES, "miniature", options)
+        found = played("miniature", options)
         # The same float32 numbers of up to 1.5 m on either way; their mean distance may differ by rounding,
         # 2 * 1.5 eps = 4e-7.
-        assert free[name].value == pytest.approx(tables.distance(found, truth), abs=4e-7)
+        assert free[name].value == pytest.approx(by_frame(found, truth).mean(), abs=4e-7)
         last = [p for p in points if (p.protocol, p.method, p.frame) == ("free", name, FRAMES)]
         assert last[0].error == pytest.approx(float(by_frame(found, truth)[-1]), abs=4e-7)
     assert free["fc"].paper == published.TABLE_7["Flag"][1]
@@ -55,8 +78,9 @@ def test_without_wind_the_unscaled_coarse_cloth_is_as_stiff_as_the_papers_miniat
 
 def test_readings_tell_a_flag_that_stands_still_from_one_that_waves() -> None:
     run = teacher("Flag", 8)
+    first = run.states[0].positions
     still = replace(
-        run, states=[replace(s, positions=run.states[0].positions, velocities=0 * s.velocities) for s in run.states]
+        run, states={k: replace(s, positions=first, velocities=0 * s.velocities) for k, s in run.states.items()}
     )
     width = run.scene.grid.width
     # float32 positions of up to 1.5 m: 1.5 eps.
@@ -91,11 +115,10 @@ def test_rows_of_pairs_come_from_cards() -> None:
 
 
 def test_a_stopped_run_is_completed_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def stores() -> tuple[Store[Row], Store[Point]]:
-        return Store(tmp_path / "a.csv", Row, KEY), Store(tmp_path / "b.csv", Point, POINT_KEY)
+    def stores() -> tuple[Store[PublishedRow], Store[FrameErrorRow]]:
+        rows = Store(tmp_path / "a.csv", PublishedRow, PUBLISHED_KEY)
+        return rows, Store(tmp_path / "b.csv", FrameErrorRow, FRAME_KEY)
 
-    monkeypatch.setattr(published, "SCENES", ("Flag",))
-    monkeypatch.setattr(published_chart, "SCENES", ("Flag",))
     monkeypatch.setattr(published, "FACTORS", (2,))
     monkeypatch.setattr(published, "READINGS", published.READINGS[:1])
     monkeypatch.setattr(published, "VARIED", {name: options[:1] for name, options in published.VARIED.items()})
@@ -109,10 +132,10 @@ def test_a_stopped_run_is_completed_and_drawn(tmp_path: Path, monkeypatch: pytes
 
     monkeypatch.setattr(published, "score", counted)
     with pytest.raises(KeyboardInterrupt):
-        measure(*stores(), frames=2, count=1)
+        fill(*stores(), ["Flag"], frames=2, count=1)
     rows, points = stores()
     assert {r.table for r in rows.rows} == {"T3", "T5", "T7", "T4"}
-    measure(rows, points, frames=2, count=1)
+    fill(rows, points, ["Flag"], extra(["reference"]), frames=2, count=1)
     assert calls == ["T7", "T4", "fig13", "fig13", "fig14", "fig15", "fig15"]
     assert {r.table for r in rows.rows} == {
         "T3",
@@ -126,13 +149,13 @@ def test_a_stopped_run_is_completed_and_drawn(tmp_path: Path, monkeypatch: pytes
         "held out",
         "readings",
     }
-    said = text(rows.rows)
+    said = published_text(rows.rows)
     assert "T7: errors in m" in said
     assert "(0.007767)" in said
-    published_chart.frames(points.rows, [tmp_path / "frames.png"])
-    published_chart.variants(rows.rows, [tmp_path / "variants.png"])
+    assert "Flag s=2  reference " in said
+    chart.draw({"published": rows.rows, "published_frames": points.rows}, tmp_path, "")
     for name in ("frames", "variants"):
-        assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+        assert (tmp_path / f"published_{name}.png").stat().st_size > 20_000
 
 
 def test_every_shipped_recipe_has_its_weights_small_and_with_a_card() -> None:

@@ -13,13 +13,13 @@ from typing import Any
 import pytest
 
 from cloth_envs.commands.cli import main
-from training.bench import mesh
-from training.bench.benchmark import BENCHMARKS
+from training.bench.benchmark import BENCHMARKS, find
+from training.bench.mesh.rows import MeshRow
 from training.bench.report import run as report
 from training.bench.report.tables import survived
-from training.bench.speed_accuracy.rows import Summary
-from training.bench.stability.rows import Cell
-from training.bench.throughput.run import write_rows
+from training.bench.speed_accuracy.rows import SpeedAccuracyRow
+from training.bench.stability.rows import StabilityRow
+from training.rows import write_rows
 
 DOCS = Path(__file__).parents[1] / "docs"
 ALONE = {"meta", "img"}  # tags of the page without an end
@@ -63,7 +63,7 @@ def row(kind: type[Any], **given: Any) -> Any:
 
 
 def summaries(**given: Any) -> Any:
-    return row(Summary, **{"scene": "Flag", "options": "{}", "frames": 5, **given})
+    return row(SpeedAccuracyRow, **{"scene": "Flag", "options": "{}", "frames": 5, **given})
 
 
 def test_page_of_the_stored_rows_needs_nothing_besides_it(tmp_path: Path) -> None:
@@ -78,14 +78,10 @@ def test_page_of_the_stored_rows_needs_nothing_besides_it(tmp_path: Path) -> Non
     assert not re.search(r"url\(|@import", out.read_text().split("</style>")[0])
     targets = [attrs["href"] for tag, attrs in page.tags if tag == "a"]
     assert set(targets) == {f"#{attrs['id']}" for _, attrs in page.tags if "id" in attrs}
-    assert len(targets) == len(report.PARTS)
+    assert len(targets) == len(BENCHMARKS)  # none is left out
     assert all(attrs["alt"] for tag, attrs in page.tags if tag == "img")
     assert len(page.rows) < 600  # the rows behind them are thousands
     assert out.stat().st_size < 15e6
-
-
-def test_every_benchmark_is_shown() -> None:
-    assert set(report.PARTS) == set(BENCHMARKS)
 
 
 def test_methods_are_sorted_and_escaped(tmp_path: Path) -> None:
@@ -117,14 +113,14 @@ def test_methods_are_sorted_and_escaped(tmp_path: Path) -> None:
 
 
 def test_missing_is_listed_with_its_command(tmp_path: Path) -> None:
-    write_rows(tmp_path / "mesh_error.csv", [row(mesh.Row, scene="Flag", options="{}", family="explicit")])
+    write_rows(tmp_path / "mesh_error.csv", [row(MeshRow, scene="Flag", options="{}", family="explicit")])
     said = report.write(tmp_path, tmp_path, tmp_path / "a.html")
     words = Page((tmp_path / "a.html").read_text()).words
-    assert "Set-up unknown: mesh_error.json" in words
-    commands = re.findall(r"minicloth bench (\S+)( --\w+)? --out", words)
+    assert "Set-up unknown: mesh.json" in words
+    commands = re.findall(r"minicloth bench (\S+)( --[\w-]+)? --out", words)
     assert {name for name, _ in commands} == set(BENCHMARKS) - {"mesh"}
     assert ("tables", " --cell") in commands
-    assert f"{sum(len(parts) for _, parts in report.PARTS.values()) - 1} missing" in said
+    assert f"{sum(len(find(name).parts) for name in BENCHMARKS) - 1} missing" in said
 
 
 def test_missing_packages_leave_the_rest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,10 +135,10 @@ def test_missing_packages_leave_the_rest(tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_parts_of_runs_are_rounded_down() -> None:
     """A hundred means all: 199 of 200 do not."""
-    cells = [row(Cell, axis="mass", backend="a", level=1.0, seed=s) for s in range(197)]
-    cells += [row(Cell, axis="mass", backend="a", level=2.0, reason="slow motion", seed=s) for s in range(2)]
-    cells += [row(Cell, axis="mass", backend="a", level=2.0, reason="overstretch")]
-    cells += [row(Cell, axis="wind", backend="b", level=1.0)]
+    cells = [row(StabilityRow, axis="mass", backend="a", level=1.0, seed=s) for s in range(197)]
+    cells += [row(StabilityRow, axis="mass", backend="a", level=2.0, reason="slow motion", seed=s) for s in range(2)]
+    cells += [row(StabilityRow, axis="mass", backend="a", level=2.0, reason="overstretch")]
+    cells += [row(StabilityRow, axis="wind", backend="b", level=1.0)]
     assert Page(survived(cells)).rows == [["method", "mass", "wind"], ["a", "99 (98)", ""], ["b", "", "100 (100)"]]
 
 

@@ -16,8 +16,11 @@ from cloth_envs.registry import SCENES, make_backend
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
+from surrogates.cell.air import air_forces
+from surrogates.cell.bodies import contact
 from surrogates.cell.numbers import CLASSES
-from surrogates.cell.sheet import Moves, SheetCell, Sheets, air_forces, contact, frame
+from surrogates.cell.sheet import SheetCell, Sheets
+from surrogates.cell.step import Moves, frame
 
 EPS = np.finfo(float).eps
 SCENE = Scene("sheet", Grid(6, 8, 0.5, 0.8), Material(), 0.004, (0, 7), wind=Wind(), pressure=True)

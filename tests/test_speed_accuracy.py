@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -11,24 +13,26 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from training.bench import participants as methods
-from training.bench.measure import long_run, score, statistics
-from training.bench.participants import FLOOR, Job, Method, label
-from training.bench.speed_accuracy import run as speed_accuracy
-from training.bench.speed_accuracy.cost import cost
-from training.bench.speed_accuracy.rows import GATE, Summary, front, summaries
-from training.bench.speed_accuracy.run import main
-from training.bench.truth import Case, length
-from training.bench.windows import Windows, failed_by, gather
+from training.bench.baselines import Extrapolation, Offset, Oracle, fractional
+from training.bench.benchmark import find
+from training.bench.clock import costs
+from training.bench.measure import errors, failed_by
+from training.bench.participants import FAMILIES, Participant, label, truth
+from training.bench.speed_accuracy.long import long_runs, statistics
+from training.bench.speed_accuracy.rows import GATE, SpeedAccuracyRow, front, summaries
+from training.bench.windows import Windows, gather
 from training.rows import read_rows
+from training.truth import Case
 
-REPEAT = Method("repeat last frame")
+main = find("speed-accuracy").main
+EXPLICIT, (REPEAT,) = FAMILIES["explicit"][0], FAMILIES["repeat last frame"]
 
 
 @pytest.fixture(scope="module")
 def cases() -> list[Case]:
-    return [Case("Flag", seed, coarse=8) for seed in (200, 201)]
+    return [Case("Flag", seed, coarse=8, truth="fine") for seed in (200, 201)]
 
 
 @pytest.fixture(scope="module")
@@ -44,25 +48,25 @@ def episodes(cases: list[Case], tmp_path_factory: pytest.TempPathFactory) -> Win
 class Shifted:
     """The truth, 3 cm to the side."""
 
-    def __init__(self, job: Job) -> None:
-        self.frame, self.job = 0, job
+    def __init__(self, scene: Scene, *, num_envs: int, truth: Sequence[State] = ()) -> None:
+        self.frame, self.truth = 0, truth
 
-    def reset(self, state: State) -> None:
+    def reset(self, state: State, materials: None = None) -> None:
         self.frame = 0
 
     def advance(self, controls: Controls) -> State:
         self.frame += 1
-        now = self.job.truth[self.frame]
+        now = self.truth[self.frame]
         return State(**{**now.arrays(), "positions": now.positions + np.array([0.0, 0.03, 0.0])[:, None, None]})
 
 
 class Unstable:
     """Twice as far from where it was at every frame."""
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, scene: Scene, *, num_envs: int) -> None:
         pass
 
-    def reset(self, state: State) -> None:
+    def reset(self, state: State, materials: None = None) -> None:
         self.state = state.copy()
 
     def advance(self, controls: Controls) -> State:
@@ -77,15 +81,14 @@ class Frozen(Unstable):
         return self.state
 
 
-@pytest.fixture(autouse=True)
-def broken_methods(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, made in {"shifted": Shifted, "unstable": Unstable, "frozen": Frozen}.items():
-        monkeypatch.setitem(methods.FAMILIES, name, (made, ({},)))
+SHIFTED, UNSTABLE, FROZEN = (
+    Participant(kind.__name__, f"{__name__}:{kind.__name__}") for kind in (Shifted, Unstable, Frozen)
+)
 
 
 def test_a_shifted_copy_is_off_by_the_shift(windows: Windows) -> None:
-    percent = 100 * 0.03 / length(windows.scene)
-    for row in score(Method("shifted"), windows, horizons=(1, 10)):
+    percent = 100 * 0.03 / windows.scene.grid.length
+    for row in errors(SHIFTED, windows, horizons=(1, 10)):
         # Five digits are kept.
         assert [row.error_mean, row.error_p95, row.error_max] == pytest.approx([percent] * 3, rel=1e-5)
         assert row.max_dx == pytest.approx(0.03, rel=1e-5)
@@ -95,11 +98,11 @@ def test_a_shifted_copy_is_off_by_the_shift(windows: Windows) -> None:
 
 def test_a_frozen_cloth_is_caught(windows: Windows, episodes: Windows) -> None:
     """It has the error of the last frame repeated, and the height gate tells that it does not fall."""
-    frozen, repeat = (score(m, windows, horizons=(1, 10)) for m in (Method("frozen"), REPEAT))
+    frozen, repeat = (errors(m, windows, horizons=(1, 10)) for m in (FROZEN, REPEAT))
     for a, b in zip(frozen, repeat, strict=True):
         assert [a.error_mean, a.error_max, a.vmse, a.psnr] == [b.error_mean, b.error_max, b.vmse, b.psnr]
         assert a.error_mean > 0
-    explicit, still = (long_run(m, episodes, burn_in=10) for m in (Method("explicit"), Method("frozen")))
+    explicit, still = (long_runs(m, episodes, burn_in=10) for m in (EXPLICIT, FROZEN))
     assert all(row.gate <= GATE for row in explicit)
     assert all(row.gate == pytest.approx(1) for row in still)  # all of the way is missing
     assert all(a.score < b.score for a, b in zip(explicit, still, strict=True))
@@ -107,33 +110,32 @@ def test_a_frozen_cloth_is_caught(windows: Windows, episodes: Windows) -> None:
 
 def test_an_unstable_method_is_reported(windows: Windows, episodes: Windows) -> None:
     """Edges double at every frame: a stretched one is over twice its length after the first."""
-    rows = score(Method("unstable"), windows, horizons=(1, 10))
+    rows = errors(UNSTABLE, windows, horizons=(1, 10))
     assert {row.failure for row in rows} == {"2 of 2: overstretch at frame 1"}
     assert all(np.isnan(row.error_mean) for row in rows)
-    assert all(row.gate == np.inf and np.isnan(row.score) for row in long_run(Method("unstable"), episodes, burn_in=10))
+    assert all(row.gate == np.inf and np.isnan(row.score) for row in long_runs(UNSTABLE, episodes, burn_in=10))
     assert failed_by("overstretch at frame 2", 2)
     assert not failed_by("overstretch at frame 2", 1)
     (whole,) = summaries([row for row in rows if row.frames == 10], [], [])
     assert whole.failure == "4 of 4: overstretch at frame 1"
     assert not whole.passes
-    refused = Method("explicit", {"substeps": 1})
-    assert "use at least" in score(refused, windows, horizons=(1,))[0].failure
-    assert "use at least" in cost([refused], windows)[0].failure
+    refused = replace(EXPLICIT, options={"substeps": 1})
+    assert "use at least" in errors(refused, windows, horizons=(1,))[0].failure
+    assert "use at least" in costs([refused], windows)[0].failure
 
 
 def test_statistics_of_the_truth_are_its_own(episodes: Windows) -> None:
     found = statistics(episodes.scene, episodes.truth)
     assert found["height"].shape == (2, 21)
-    floor = score(Method(FLOOR), episodes, horizons=(1,))
+    floor = errors(truth("fine"), episodes, horizons=(1,))
     # 1e-6 of the length, and it has hardly grown or shrunk in one frame.
     assert all(1e-6 < row.error_mean < 1e-3 for row in floor)
 
 
 def test_extrapolations_by_hand(windows: Windows) -> None:
-    job = Job(windows.scene, len(windows.seeds), 1, windows.truth)
     start = windows.truth[0]
     for moving in (False, True):
-        method = methods.Extrapolation(windows.scene, moving=moving)
+        method = Extrapolation(windows.scene, moving=moving)
         method.reset(start)
         for control in windows.controls[:3]:
             state = method.advance(control)
@@ -141,7 +143,7 @@ def test_extrapolations_by_hand(windows: Windows) -> None:
         np.testing.assert_allclose(state.positions, expected, atol=1e-5)
         np.testing.assert_array_equal(state.colliders, windows.controls[2].colliders)
     # The oracle is exact where the coarse grid has a vertex, and knows the truth at every frame.
-    oracle = methods.Oracle(job.scene, job.truth, factor=2, upscaler="bicubic")
+    oracle = Oracle(windows.scene, truth=windows.truth)
     oracle.reset(start)
     for frame in (1, 2):
         coarse = (..., slice(None, None, 2), slice(None, None, 2))
@@ -149,12 +151,12 @@ def test_extrapolations_by_hand(windows: Windows) -> None:
         np.testing.assert_allclose(state.positions[coarse], windows.truth[frame].positions[coarse], atol=1e-12)
 
 
-def test_coarser_is_the_miniature_without_whole_factors(windows: Windows) -> None:
+def test_a_fractional_miniature_is_the_miniature_without_whole_factors(windows: Windows) -> None:
     """At factor 2 both do the same."""
     states: list[Any] = []
     for made in (
-        methods.coarser(windows.scene, num_envs=4, factor=2, upscaler="bicubic"),
-        Method("miniature similar", {"factor": 2}).build(Job(windows.scene, 4)),
+        fractional(windows.scene, num_envs=4, factor=2),
+        FAMILIES["miniature similar"][1].build(windows.scene, 4),
     ):
         made.reset(windows.truth[0])
         for control in windows.controls[:2]:
@@ -166,19 +168,20 @@ def test_coarser_is_the_miniature_without_whole_factors(windows: Windows) -> Non
 
 def test_offset_starts_at_the_truth(windows: Windows) -> None:
     """The offset is what the upscaled start lacks, so that with nothing happening the fine start is kept."""
-    made = Method("similar + offset", {"factor": 2}).build(Job(windows.scene, 4))
+    made = FAMILIES["similar + offset"][0].build(windows.scene, 4)
+    assert isinstance(made, Offset)
     made.reset(windows.truth[0])
-    fine = windows.truth[0].positions - made._lack["positions"]
+    fine = windows.truth[0].positions - made.lack["positions"]
     coarse = (..., slice(None, None, 2), slice(None, None, 2))
     np.testing.assert_allclose(fine[coarse], windows.truth[0].positions[coarse], atol=1e-6)
 
 
 def test_front_leaves_out_what_fails() -> None:
-    fields = dict.fromkeys(Summary.__dataclass_fields__, 0.0) | {"scene": "Flag", "options": "{}", "frames": 5}
+    fields = dict.fromkeys(SpeedAccuracyRow.__dataclass_fields__, 0.0) | {"scene": "Flag", "options": "{}", "frames": 5}
 
-    def row(family: str, ms: float, error: float, failure: str = "", gate: float = 0.0) -> Summary:
+    def row(family: str, ms: float, error: float, failure: str = "", gate: float = 0.0) -> SpeedAccuracyRow:
         own = {"family": family, "ms_median": ms, "error": error, "failure": failure, "gate": gate, "floor": 1e-3}
-        return Summary(**{**fields, **own})  # type: ignore[arg-type]
+        return SpeedAccuracyRow(**{**fields, **own})  # type: ignore[arg-type]
 
     slow_good, fast_bad, worse = row("explicit", 4, 0.01), row("miniature similar", 1, 1.0), row("admm", 5, 0.5)
     late, broken, deep = row("admm", 0.5, 0.1, gate=0.2), row("seed", 0.1, 0.1, "1 of 2"), row("explicit", 9, 1e-4)
@@ -186,24 +189,21 @@ def test_front_leaves_out_what_fails() -> None:
     assert front([slow_good, fast_bad, worse, late, broken, deep, deeper]) == [fast_bad, slow_good, deep]
 
 
-def test_quick_run_end_to_end_and_again(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    draw = speed_accuracy.draw
-    monkeypatch.setattr(speed_accuracy, "draw", lambda *_: None)
+def test_quick_run_end_to_end_and_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, images = tmp_path / "out", tmp_path / "images"
     argv = ["--quick", "--scenes", "Flag", "--families", "explicit,miniature similar,oracle coarse,repeat last frame"]
-    argv += ["--out", str(out), "--cache", str(tmp_path / "c")]
+    argv += ["--backend", 'reference={"solver": "admm"}', "--backend", f"{__name__}:Frozen"]
+    argv += ["--out", str(out), "--images", str(images), "--cache", str(tmp_path / "c")]
     assert main(argv) == 0
     text = capsys.readouterr().out
-    assert "quick" in text
+    assert "QUICK" in text
     assert "miniature similar x4" in text
     about = json.loads((out / "speed_accuracy.json").read_text())
     assert about["quick"] is True
     assert about["seeds"] == [200, 201]
     tables = {path.name: path.read_text() for path in out.glob("*.csv")}
-    assert len(tables) == 4
-    rows = read_rows(out / "speed_accuracy.csv", Summary)
+    assert len(tables) == 5
+    rows = read_rows(out / "speed_accuracy.csv", SpeedAccuracyRow)
     at = {(r.family, r.options, r.frames): r for r in rows}
     coarse, fine = (at["explicit", options, 5] for options in ("{}", '{"refine": 4}'))
     assert fine.error < 0.5 * coarse.error  # first order: a quarter
@@ -212,16 +212,23 @@ def test_quick_run_end_to_end_and_again(
     assert mini.skill == 0
     assert mini.error > at["oracle coarse", '{"factor": 4, "upscaler": "bicubic"}', 5].error
     assert 0 < mini.upscale_ms < mini.ms_median
+    # What --backend named takes part as any other.
+    assert at["reference", '{"solver": "admm"}', 5].error > coarse.error
+    frozen, repeated = (at[name, "{}", 5].error for name in (f"{__name__}:Frozen", "repeat last frame"))
+    assert frozen == pytest.approx(repeated, rel=1e-5)  # rounded to single precision and to five digits
     with (out / "speed_accuracy_cost.csv").open() as file:
         assert {(r["batch"], r["threads"]) for r in csv.DictReader(file)} == {("1", "1"), ("16", "1"), ("16", "2")}
     # Nothing is measured twice; the charts come from the rows alone.
-    assert main(argv) == 0
-    assert {path.name: path.read_text() for path in out.glob("*.csv")} == tables
-    monkeypatch.setattr(speed_accuracy, "draw", draw)
-    assert main(["--chart-only", "--out", str(out), "--images", str(images)]) == 0
     for name in ("speed_accuracy", "speed_accuracy_flag"):
         assert ElementTree.parse(images / f"{name}.svg").getroot().tag.endswith("svg")
+        (images / f"{name}.png").unlink()
+    assert main(argv) == 0
+    assert {path.name: path.read_text() for path in out.glob("*.csv")} == tables
+    assert main(["--chart-only", "--out", str(out), "--images", str(images)]) == 0
+    for name in ("speed_accuracy", "speed_accuracy_flag"):
         assert (images / f"{name}.png").stat().st_size > 10_000
+    with pytest.raises(ValueError, match="--fresh"):
+        main(["--out", str(out)])
 
 
 def test_mistakes_name_the_nearest() -> None:

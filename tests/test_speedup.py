@@ -7,14 +7,16 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from training.bench.speed_accuracy.rows import GATE, Summary
+from training.bench.speed_accuracy.rows import GATE, SpeedAccuracyRow
 from training.bench.speed_accuracy.speedup import METHODS, speedups, table
 
 
-def row(family: str, ms: float, error: float, *, options: str = "{}", gate: float = 0.0, floor: float = 0.0) -> Summary:
-    values = {f.name: np.nan for f in fields(Summary)}
+def row(
+    family: str, ms: float, error: float, *, options: str = "{}", gate: float = 0.0, floor: float = 0.0
+) -> SpeedAccuracyRow:
+    values = {f.name: np.nan for f in fields(SpeedAccuracyRow)}
     values |= {"scene": "Flag", "family": family, "options": options, "frames": 5, "windows": 1, "failure": ""}
-    return Summary(**values | {"ms_median": ms, "error": error, "gate": gate, "floor": floor})  # type: ignore[arg-type]
+    return SpeedAccuracyRow(**values | {"ms_median": ms, "error": error, "gate": gate, "floor": floor})  # type: ignore[arg-type]
 
 
 BASELINES = [

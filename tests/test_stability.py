@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -13,15 +14,20 @@ import pytest
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.registry import SCENES
 from cloth_envs.state import Controls, State
-from training.bench.stability import chart as stability_chart
+from training.bench.benchmark import find
+from training.bench.measure import built
+from training.bench.participants import FAMILIES, STABILITY
 from training.bench.stability import run as stability
-from training.bench.stability.rows import Cell, marks
-from training.bench.stability.run import METHODS, Method, main, worlds
-from training.bench.stability.runs import Run, build, pierced, run, truths
+from training.bench.stability.rows import StabilityRow, marks
+from training.bench.stability.run import worlds
+from training.bench.stability.runs import Run, pierced, run, truths
 from training.bench.stability.scores import HEIGHT, Score, score
 from training.bench.stability.worlds import AXES, LENGTHS, Base, Stage, driven, episode, shot
-from training.bench.truth import Case, length, record
 from training.rows import read_rows
+from training.truth import Case
+
+main = find("stability").main
+EXPLICIT = FAMILIES["explicit"][0]
 
 
 class Ghost:
@@ -30,7 +36,7 @@ class Ghost:
     def __init__(self, stage: Stage) -> None:
         self.stage = stage
 
-    def reset(self, state: State) -> None:
+    def reset(self, state: State, materials: None = None) -> None:
         self.state = state.copy()
 
     def advance(self, controls: Controls) -> State:
@@ -39,18 +45,18 @@ class Ghost:
 
 
 class Replay:
-    """The states of a run, ``aside`` [m]."""
+    """The states of a run, ``aside`` [m] along an axis."""
 
-    def __init__(self, true: Run, aside: float) -> None:
-        self.states, self.aside = true.states, aside
+    def __init__(self, true: Run, aside: float | np.ndarray, axis: int = 1) -> None:
+        self.states, self.aside, self.axis = true.states, aside, axis
 
-    def reset(self, state: State) -> None:
+    def reset(self, state: State, materials: None = None) -> None:
         self.frame = 0
 
     def advance(self, controls: Controls) -> State:
         self.frame += 1
         state = self.states[self.frame].copy()
-        state.positions[:, 1] += self.aside
+        state.positions[:, self.axis] += self.aside
         return state
 
 
@@ -69,7 +75,7 @@ def true(curtain: Stage) -> tuple[Run, Run]:
 
 
 def test_explicit_passes(curtain: Stage, true: tuple[Run, Run]) -> None:
-    found = scored(build("reference", {}, curtain.scene), curtain, true)
+    found = scored(built(EXPLICIT, curtain.scene), curtain, true)
     assert not found.reason
     assert found.failed_at == pytest.approx(0.64)
     assert found.gate < HEIGHT
@@ -81,7 +87,7 @@ def test_too_long_a_step_is_a_blow_up(curtain: Stage, true: tuple[Run, Run]) -> 
     solver = ExplicitSolver(curtain.scene)
     solver_reset = solver.reset
 
-    def reset(state: State) -> None:
+    def reset(state: State, materials: None = None) -> None:
         solver_reset(state)
         solver.substeps //= 3  # the bound is sharp to 0.9, so this is far beyond it
 
@@ -99,12 +105,22 @@ def test_a_frozen_cloth_is_caught_by_the_height_gate() -> None:
 
 
 def test_a_shifted_copy_is_caught_by_the_error(curtain: Stage, true: tuple[Run, Run]) -> None:
-    aside = 0.06 * length(curtain.scene)
+    aside = 0.06 * curtain.scene.grid.length
     found = scored(Replay(true[0], aside), curtain, true)
     assert found.reason == "error"
     assert found.error == pytest.approx(0.06, rel=1e-4)
     assert found.gate == pytest.approx(0, abs=1e-9)
     assert not scored(Replay(true[0], 0.6 * aside), curtain, true).reason
+
+
+def test_rows_that_part_and_meet_are_strained(curtain: Stage, true: tuple[Run, Run]) -> None:
+    """Rows by turns a twentieth of their distance higher and lower: edges a tenth too long, no vertex far off."""
+    grid = curtain.scene.grid
+    up = 0.05 * grid.row_spacing * np.where(np.arange(grid.rows) % 2, -1, 1)[:, None]  # 0 on the mean of the areas
+    found = scored(Replay(true[0], up, axis=2), curtain, true)
+    assert found.reason == "strained"
+    assert found.p99 == pytest.approx(0.1, abs=0.03)  # the curtain's own strain is 1 %
+    assert not scored(Replay(true[0], 0.3 * up, axis=2), curtain, true).reason
 
 
 def test_a_ball_that_passes_through_is_counted() -> None:
@@ -115,7 +131,7 @@ def test_a_ball_that_passes_through_is_counted() -> None:
         assert found.reason == "tunnelling"
         assert found.tunnelled > 0
     stage = shot(Base("Collision", 300, 4), speed=2.0, radius=0.2)
-    held = scored(build("reference", {}, stage.scene), stage)
+    held = scored(built(EXPLICIT, stage.scene), stage)
     assert not held.reason
     assert held.tunnelled == 0
 
@@ -149,13 +165,28 @@ def test_momentum_from_nowhere_is_told() -> None:
     found = scored(Pushed(stage), stage)
     assert found.reason == "momentum"
     assert found.momentum == pytest.approx(0.05, rel=1e-3)
-    kept = scored(build("reference", {}, stage.scene), stage)
+    kept = scored(built(EXPLICIT, stage.scene), stage)
     assert not kept.reason
     assert kept.momentum < 1e-5  # single precision, some hundred substeps
 
 
+def test_other_worlds_are_told_by_their_reasons() -> None:
+    """Explicit in another world than that of the truth."""
+    flag = AXES["mass"].make(Base("Flag", 0, 4), 1 / 3)
+    true = truths(flag, 0)
+
+    def other(**changes: Any) -> Score:
+        return scored(built(EXPLICIT, replace(flag.scene, **changes)), flag, true)
+
+    assert other(gravity=3.0).reason == "slow motion"
+    assert other(gravity=15.0).reason == "fast motion"
+    snapped = other(material=flag.scene.material.with_changes(stretch_stiffness=0.01))
+    assert snapped.reason == "overstretch"
+    assert "in frame" in snapped.detail
+
+
 def test_a_refusal_keeps_its_words(curtain: Stage, true: tuple[Run, Run]) -> None:
-    refused = build("reference", {"solver": "explicit", "substeps": 1}, curtain.scene)
+    refused = built(replace(EXPLICIT, options={"substeps": 1}), curtain.scene)
     found = scored(refused, curtain, true)
     assert found.reason == "refused"
     assert "use at least" in found.detail
@@ -165,10 +196,10 @@ def test_a_refusal_keeps_its_words(curtain: Stage, true: tuple[Run, Run]) -> Non
 def test_controls_need_no_cloth() -> None:
     """Those of the kinematic script are what the task gives while the truth runs."""
     for scene in SCENES:
-        _, states, given = record(Case(scene, 300, coarse=8), 3, [0])
+        true = Case(scene, 300, coarse=8).record(3, [0])
         script = episode(Base(scene, 300, 8), 3)
-        np.testing.assert_array_equal(script.start.positions, states[0].positions)
-        for a, b in zip(script.controls, given, strict=True):
+        np.testing.assert_array_equal(script.start.positions, true.states[0].positions)
+        for a, b in zip(script.controls, true.controls, strict=True):
             for name, value in vars(b).items():
                 np.testing.assert_allclose(getattr(a, name), value, atol=1e-12, err_msg=f"{scene} {name}")
 
@@ -198,41 +229,41 @@ def test_worlds_are_what_they_say() -> None:
 def test_quick_run_end_to_end_and_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    few = {name: METHODS[name] for name in ("explicit", "mini \u00d74 similar")}
-    few["one step"] = Method("reference", {"solver": "explicit", "substeps": 1})
-    monkeypatch.setattr(stability, "METHODS", few)
+    few = [p for p in STABILITY if p.label in ("explicit", "mini \u00d74 similar")]
+    monkeypatch.setattr(stability, "STABILITY", [*few, replace(EXPLICIT, options={"substeps": 1}, name="one step")])
     out, images = tmp_path / "out", tmp_path / "images"
     argv = ["--quick", "--scenes", "Flag", "--axes", "mass,wind,length", "--out", str(out), "--images", str(images)]
+    argv += ["--backend", 'reference={"solver": "admm"}']
     assert main(argv) == 0
     text = capsys.readouterr().out
-    assert "quick" in text
+    assert "QUICK" in text
     assert json.loads((out / "stability.json").read_text())["quick"] is True
-    rows = read_rows(out / "stability.csv", Cell)
-    assert len(rows) == 3 * (2 + 2 + len(LENGTHS))
+    rows = read_rows(out / "stability.csv", StabilityRow)
+    assert len(rows) == 4 * (2 + 2 + len(LENGTHS))
     found = marks(rows)
     assert found["mass", "explicit", 1 / 3].score == 1
+    assert ("mass", "reference solver=admm", 1 / 3) in found
     refused = found["wind", "one step", 3.0]
     assert (refused.score, refused.reason) == (0, "refused")
     assert ElementTree.parse(images / "stability.svg").getroot().tag.endswith("svg")
     assert (images / "stability.png").stat().st_size > 10_000
     # Nothing is measured twice; the chart comes from the rows alone.
-    monkeypatch.setattr(stability, "cells", None)
-    monkeypatch.setattr(stability_chart, "draw", lambda *_, **__: None)
+    monkeypatch.setattr(stability, "rows_of", None)
     assert main(argv) == 0
-    assert str(read_rows(out / "stability.csv", Cell)) == str(rows)
+    assert str(read_rows(out / "stability.csv", StabilityRow)) == str(rows)
     assert main(["--chart-only", "--out", str(out), "--images", str(images)]) == 0
     with pytest.raises(ValueError, match="--fresh"):
         main(["--out", str(out)])
 
 
 def test_marks_count_what_is_wrong_half(curtain: Stage) -> None:
-    fields: dict[str, Any] = dict.fromkeys(Cell.__dataclass_fields__, 0) | {
+    fields: dict[str, Any] = dict.fromkeys(StabilityRow.__dataclass_fields__, 0) | {
         "axis": "mass",
         "backend": "b",
         "level": 1.0,
     }
     fields["truth"] = ""
-    rows = [Cell(**{**fields, "seed": i, "reason": reason}) for i, reason in enumerate(
+    rows = [StabilityRow(**{**fields, "seed": i, "reason": reason}) for i, reason in enumerate(
         ("", "slow motion", "slow motion", "blow-up")
     )]  # fmt: skip
     (mark,) = marks(rows).values()

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,11 +17,14 @@ from cloth_envs.physics.laws import particles as twin
 from cloth_envs.physics.particles.solver import NEIGHBOURS, Cell, mass_spring_cell
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import Controls, State
-from surrogates.cell import stencil as stencil_cell
-from surrogates.cell.stencil import BRANCHES, StencilCell, difference_kernels, step
-from training import train_physics_cnn as trainer
-from training.physics_cnn_data import Sums, accelerations, design, links
-from training.physics_cnn_fit import Loss, Stage, as_cell, branch_scales, least_squares, numbers_of, train
+from surrogates.cell.bodies import Ball
+from surrogates.cell.stencil import BRANCHES, StencilCell, difference_kernels
+from surrogates.cell.step import Held, step
+from training.cell.data import Sums, accelerations, design, links
+from training.cell.solve import Loss, as_cell, branch_scales, least_squares, numbers_of, train
+from training.cell.train import adam
+from training.fit import Kept
+from training.recipes.cell import Recipe, Stage
 
 EPS = np.finfo(float).eps
 NET = Particles()
@@ -105,8 +109,8 @@ def test_a_step_of_everything_is_the_twins() -> None:
             mass=NET.node_mass,
             decay=np.exp(-NET.drag * NET.sim_dt),
             pressure=torch.from_numpy(controls.pressure),
-            balls=[stencil_cell.Ball(centre, torch.zeros_like(centre), 0.03, NET.keep)],
-            held=stencil_cell.Held(torch.tensor(scene.handles), place, rate),
+            balls=[Ball(centre, torch.zeros_like(centre), 0.03, NET.keep)],
+            held=Held(torch.tensor(scene.handles), place, rate),
         )
     for got, wanted in ((x.numpy(), want.positions), (v.numpy(), want.velocities)):
         # Forces' rounding of the test above, times h / m: under 1e-9 of velocities of up to a few hundred m/s.
@@ -246,24 +250,32 @@ def test_evolution_then_adam_finds_the_law_and_frozen_branches_stay() -> None:
     assert abs(found[:, 0] / law[:, 0] - 1).max() < 0.01
 
 
-def test_training_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """All stages at once, and again with a stop before the last one."""
+def test_training_goes_on_where_it_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stopped: Callable[[int], AbstractContextManager[object]]
+) -> None:
+    """All stages at once, and again with a stop in the second one."""
     blocks, wanted, _ = samples(8)
-    small = Sums(forms(blocks, wanted).forms, np.zeros((8, 40, 40)))
-    monkeypatch.setattr(trainer, "sums", lambda *_: small)
-    whole, _ = trainer.adam("fall", 8, "free", folder=tmp_path / "whole" / "cache")
-    calls = []
-
-    def stops(*given: Any, **options: Any) -> tuple[float, float]:
-        calls.append(given)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        return train(*given, **options)
-
-    monkeypatch.setattr(trainer, "train", stops)
-    with pytest.raises(KeyboardInterrupt):
-        trainer.adam("fall", 8, "free", folder=tmp_path / "parts" / "cache")
-    again, about = trainer.adam("fall", 8, "free", folder=tmp_path / "parts" / "cache")
-    assert len(calls) == 4
+    small, recipe = Sums(forms(blocks, wanted).forms, np.zeros((8, 40, 40))), Recipe("fall", "free", epochs=8, batch=4)
+    monkeypatch.setattr("training.cell.train.sums", lambda *_: small)
+    whole, _ = adam(recipe, tmp_path / "whole")
+    with stopped(17):  # two batches an epoch: 16 steps of the first stage
+        adam(recipe, tmp_path / "parts")
+    assert len(list((tmp_path / "parts").iterdir())) == 1
+    again, about = adam(recipe, tmp_path / "parts")
     assert np.array_equal(again.numbers, whole.numbers)
     assert len(about["loss after each stage"]) == 3
+
+
+@pytest.mark.parametrize("schedule", ["step", "cosine"])
+def test_a_stage_goes_on_between_epochs(
+    tmp_path: Path, schedule: str, stopped: Callable[[int], AbstractContextManager[object]]
+) -> None:
+    blocks, wanted, _ = samples(8)
+    loss, stage, cells = forms(blocks, wanted), Stage(1e-2, 12, schedule), [learner(), learner()]
+    train(cells[0], loss, stage, batch=4)
+    kept = Kept(tmp_path / "stage.pt", "", every=5)  # two batches an epoch: every 6 steps
+    with stopped(15):
+        train(cells[1], loss, stage, batch=4, kept=kept)
+    cells[1] = learner(1)
+    train(cells[1], loss, stage, batch=4, kept=kept)
+    assert all(torch.equal(a, b) for a, b in zip(*(cell.parameters() for cell in cells), strict=True))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,20 +12,15 @@ import pytest
 import torch
 
 from cloth_envs.commands.cli import main as minicloth
-from cloth_envs.presets.lee2019 import Flag2019
 from surrogates import checkpoint
-from surrogates.checkpoint import Checkpoint
-from surrogates.miniature.coarse import coarse_scene
 from surrogates.upscale.mlp import Mlp
-from surrogates.upscale.protocol import make_upscaler
-from surrogates.upscale.published import FullyConnected
-from training import train_upscaler
-from training.bench.papers.published_runs import by_frame, decimated, held_out, upscaled
-from training.dataset import Pairs, read, shards
+from training.fit import Kept
 from training.generate import Plan, generate
-from training.recipes.published import RECIPES, SCENES, SHAPES, Recipe
-from training.train_upscaler import Scaling, errors, train
+from training.recipes.upscaler import RECIPES, SCENES, SHAPES, Recipe, weights_name
+from training.upscaler.data import Pairs, read, shards
+from training.upscaler.train import Scaling, errors, train
 
+Stopped = Callable[[int], AbstractContextManager[object]]
 TINY = Recipe("Flag", layers=2, width=24, steps=6, batch=32)
 
 
@@ -72,55 +68,32 @@ def test_the_folded_network_is_the_trained_one(start: str, pairs: Callable[[bool
         assert np.abs(Mlp(scaling.fold(still))(x) - plain).max() <= passed
 
 
-def test_training_goes_on_where_it_stopped(tmp_path: Path, pairs: Callable[[bool], Pairs]) -> None:
-    whole, _ = train(TINY, pairs(False), tmp_path / "a.pt")
-    train(TINY, pairs(False), tmp_path / "b.pt", stop=2)
-    assert not list(tmp_path.glob("*.part"))
-    parts, _ = train(TINY, pairs(False), tmp_path / "b.pt")
+def test_training_goes_on_where_it_stopped(tmp_path: Path, pairs: Callable[[bool], Pairs], stopped: Stopped) -> None:
+    kept = {name: Kept(tmp_path / f"{name}.pt", repr(TINY), every=2) for name in "ab"}
+    whole, _ = train(TINY, pairs(False), kept["a"])
+    with stopped(3):
+        train(TINY, pairs(False), kept["b"])
+    assert torch.load(kept["b"].path)["done"] == 2
+    parts, _ = train(TINY, pairs(False), kept["b"])
     assert whole.keys() == parts.keys()
     for name, array in whole.items():
         np.testing.assert_array_equal(parts[name], array)
-    early, _ = train(TINY, pairs(False), tmp_path / "c.pt", stop=2)
+    early, _ = train(replace(TINY, steps=2), pairs(False), Kept(tmp_path / "c.pt", ""))
     assert np.abs(early["weight0"] - whole["weight0"]).max() > 0
-    with pytest.raises(ValueError, match="another recipe"):
-        train(replace(TINY, rate=1e-3), pairs(False), tmp_path / "a.pt")
 
 
-@pytest.mark.parametrize(("flag", "rival"), [({}, "bilinear"), ({"bending": 0.0, "tangential": 0.1}, "bicubic")])
-def test_a_tiny_network_beats_interpolation_on_trajectories_that_it_never_saw(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flag: dict[str, float], rival: str
+def test_training_descends_from_the_interpolation_that_it_starts_from(
+    tmp_path: Path, pairs: Callable[[bool], Pairs]
 ) -> None:
-    """Some seconds of training. On the smooth flag nothing so small beats bicubic; the crumpling one has folds as
-    narrow as its coarse cells, where interpolation errs most.
-
-    Frames a second apart are nearly independent, so the held-out runs are cut into seconds: the gain is to be larger
-    than its standard error over them, 10 and 2.6 times so when this was written, and there on either run.
+    """Some seconds of training: a third of bilinear's squared error on what it learnt from, when this was written, and
+    half of it on trajectories that it never saw. That the shipped networks are better is told by their cards.
     """
-    monkeypatch.setattr(Flag2019, "options", {**Flag2019.options, **flag})
-    generate(Plan("Flag", frames=100, factors=(2,)), tmp_path / "data", 10)
-    own, unseen = (
-        Pairs([read(p, 2) for p in shards(tmp_path / "data", held_out=h)], "Flag", 2, inputs="oracle")
-        for h in (False, True)
-    )
     torch.set_num_threads(1)
-    recipe = replace(TINY, width=48, steps=800, batch=256, rate=4e-3)
-    arrays, _ = train(recipe, own, tmp_path / "tiny.pt")
-    net = Checkpoint(arrays, {"recipe": {"features": "frames"}})
-    gains, share = [], []
-    for run in held_out("Flag", 2):
-        states = decimated(run, 2)
-        coarse, _ = coarse_scene(run.scene, 2, run.scene.material)
-        found = {
-            "fc": FullyConnected(coarse, run.scene, 2, weights=net),
-            rival: make_upscaler(rival, coarse, run.scene, 2),
-        }
-        each = {name: by_frame(upscaled(run, up, states, 2), run.positions) for name, up in found.items()}
-        gains += [block.mean() for block in np.array_split(each[rival] - each["fc"], 4)]
-        share.append(each["fc"].mean() / each[rival].mean())
-    assert np.mean(gains) > np.std(gains, ddof=1) / np.sqrt(len(gains))
-    assert max(share) < 1  # on either run
-    card = errors(arrays, unseen)
-    assert card["mse"] < card["linear mse"]
+    recipe = replace(TINY, width=48, steps=800, batch=256, rate=4e-3, start="bilinear")
+    arrays, _ = train(recipe, pairs(False), Kept(tmp_path / "tiny.pt", ""))
+    for held in (False, True):
+        card = errors(arrays, pairs(held))
+        assert card["mse"] < card["linear mse"]
 
 
 def test_the_command_writes_weights_with_their_card(
@@ -146,4 +119,4 @@ def test_recipes_cover_the_paper() -> None:
     wanted |= {Recipe(scene, factor) for scene in SCENES for factor in (2, 3, 4)}
     wanted |= {Recipe("Flag", features=features) for features in ("positions", "velocities", "frames")}
     assert wanted <= set(RECIPES.values())
-    assert train_upscaler.weights_name("fc-flag-2") == "fc_flag_2"
+    assert weights_name("fc-flag-2") == "fc_flag_2"

@@ -17,8 +17,9 @@ from cloth_envs.registry import SCENES
 from cloth_envs.world import World
 from training.bench.transfer import run as transfer
 from training.bench.transfer.policies import FORMS
-from training.bench.transfer.rows import RANDOM, REFERENCE, ZERO, Episode, Training, half_width, summaries, table
-from training.bench.transfer.search import FIRST_SEED, CmaEs, earn, train
+from training.bench.transfer.rows import RANDOM, REFERENCE, ZERO, EpisodeRow, TrainingRow, half_width, summaries, table
+from training.bench.transfer.search import FIRST_SEED, CmaEs, train
+from training.rollouts import play
 
 
 def small(members: int, scene: str = "Flag") -> World:
@@ -69,7 +70,7 @@ def test_the_flag_s_policy_turns_with_the_world() -> None:
 
 
 def test_earnings_are_those_of_the_environment() -> None:
-    found, failed = earn(small(2), lambda obs: np.full((2, 2), 0.5), [3, 5], 6)
+    found, failed = play(small(2), lambda obs: np.full((2, 2), 0.5), [3, 5], 6)
     env = gym.make(cloth_envs.env_id("Flag"), resolution=(5, 7))
     for seed, value in zip((3, 5), found, strict=True):
         env.reset(seed=seed)
@@ -92,7 +93,7 @@ def test_a_failed_episode_earns_nothing_more() -> None:
             self.frame += 1
             return np.ones(2), ["overstretch" if self.frame == 3 else None, None]
 
-    found, failed = earn(Breaking(), lambda obs: obs, [0, 1], 8)  # type: ignore[arg-type]
+    found, failed = play(Breaking(), lambda obs: obs, [0, 1], 8)  # type: ignore[arg-type]
     assert found.tolist() == [2 / 8, 1]
     assert failed.tolist() == [True, False]
 
@@ -102,9 +103,9 @@ def test_training_is_repeatable_and_plays_no_held_out_seed(monkeypatch: pytest.M
 
     def watched(world: World, act: Any, seeds: Any, frames: int) -> Any:
         played.extend(seeds)
-        return earn(world, act, seeds, frames)
+        return play(world, act, seeds, frames)
 
-    monkeypatch.setattr("training.bench.transfer.search.earn", watched)
+    monkeypatch.setattr("training.bench.transfer.search.play", watched)
     options = {"frames": 3, "generations": 2, "population": 4, "seed": 1}
     runs = [train(small(8), FORMS["Flag"], **options) for _ in range(2)]
     np.testing.assert_array_equal(*runs)
@@ -125,12 +126,12 @@ def test_intervals() -> None:
 
 
 def test_a_policy_that_exploits_its_surrogate_is_shown() -> None:
-    def rows(policy: str, on: str, reward: float) -> list[Episode]:
-        return [Episode("Flag", 5, 7, policy, k, on, s, reward, 0) for k in range(2) for s in range(3)]
+    def rows(policy: str, on: str, reward: float) -> list[EpisodeRow]:
+        return [EpisodeRow("Flag", 5, 7, policy, k, on, s, reward, 0) for k in range(2) for s in range(3)]
 
     episodes = rows(ZERO, REFERENCE, 0.1) + rows(REFERENCE, REFERENCE, 0.6)
     episodes += rows("similar x4", REFERENCE, 0.2) + rows("similar x4", "similar x4", 0.9)
-    trainings = [Training("Flag", 5, 7, "similar x4", k, 160, 50, 1.0 + k, 2.0 + k, "1 2") for k in range(2)]
+    trainings = [TrainingRow("Flag", 5, 7, "similar x4", k, 160, 50, 1.0 + k, 2.0 + k, "1 2") for k in range(2)]
     found = {row.policy: row for row in summaries(trainings, episodes)}
     bad = found["similar x4"]
     assert (bad.reference, bad.own, bad.trainings, bad.processor_s) == (0.2, 0.9, 2, 2.5)
@@ -141,17 +142,19 @@ def test_a_policy_that_exploits_its_surrogate_is_shown() -> None:
 
 
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    few = {name: transfer.BACKENDS[name] for name in (REFERENCE, "closure local x4")}
-    monkeypatch.setattr(transfer, "BACKENDS", few)
-    argv = ["--quick", "--out", str(tmp_path)]
-    assert transfer.main(argv) == 0
-    assert "quick" in capsys.readouterr().out
+    few = [p for p in transfer.TRANSFER if p.label in (REFERENCE, "closure local x4")]
+    monkeypatch.setattr(transfer, "TRANSFER", few)
+    argv = ["--quick", "--out", str(tmp_path), "--backend", 'miniature={"factor": 3}']
+    assert transfer.BENCHMARK.main(argv) == 0
+    assert "QUICK" in capsys.readouterr().out
     with (tmp_path / "transfer.csv").open(newline="") as file:
-        assert [row["policy"] for row in csv.DictReader(file)] == [ZERO, RANDOM, *few]
+        assert [row["policy"] for row in csv.DictReader(file)] == [
+            ZERO, RANDOM, REFERENCE, "closure local x4", "miniature x3",
+        ]  # fmt: skip
     tables = {path.name: path.read_text() for path in tmp_path.glob("*.csv")}
-    assert transfer.main(argv) == 0  # nothing is measured twice
+    assert transfer.BENCHMARK.main(argv) == 0  # nothing is measured twice
     assert {path.name: path.read_text() for path in tmp_path.glob("*.csv")} == tables
-    assert transfer.main(["--chart-only", "--out", str(tmp_path), "--images", str(tmp_path / "images")]) == 0
+    assert transfer.BENCHMARK.main(["--chart-only", "--out", str(tmp_path), "--images", str(tmp_path / "images")]) == 0
     assert ElementTree.parse(tmp_path / "images" / "transfer.svg").getroot().tag.endswith("svg")
     with pytest.raises(ValueError, match="--out"):
-        transfer.main(["--chart-only"])
+        transfer.BENCHMARK.main(["--chart-only"])

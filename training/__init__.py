@@ -1,1 +1,9 @@
 """Data generation, training and benchmarks; nothing imports this but the command line."""
+
+# `minicloth train NAME` -> "module:main(argv)", imported on use.
+TRAININGS = {
+    "dynamics": "training.dynamics.train:main",
+    "local": "training.local.train:main",
+    "physics-cnn": "training.cell.train:main",
+    "upscaler": "training.upscaler.train:main",
+}

@@ -27,7 +27,7 @@ def digest(*parts: object) -> str:
 
 
 def cached_arrays(path: Path, make: Callable[[], Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """The arrays of ``path`` (``.npz``); where it is missing ``make`` is called and the file appears when it is whole."""
+    """The arrays of ``path`` (``.npz``); where it is missing they are made, and it appears when it is whole."""
     if not path.is_file():
         path.parent.mkdir(parents=True, exist_ok=True)
         part = path.with_suffix(f".{os.getpid()}.part.npz")

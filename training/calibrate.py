@@ -24,10 +24,12 @@ from cloth_envs.registry import SCENES
 from cloth_envs.resample import resample
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from surrogates.miniature.backend import MiniatureBackend
+from surrogates.checkpoint import WEIGHTS
 from surrogates.miniature.closure import CLOSURE, FACTORS, load_factors
-from surrogates.miniature.coarse import coarse_grid
-from training.bench.truth import Case, cache_folder, length, load
+from surrogates.miniature.coarse import CoarsePhysics
+from training.cache import cache_folder
+from training.rollouts import replay, stack_controls, stack_states
+from training.truth import Case, load
 
 HORIZONS = {"calibrated": 5, "closure": 10}  # frames of a window
 NAMES = {"calibrated": FACTORS, "closure": CLOSURE}
@@ -57,7 +59,6 @@ CLOSURE_BOUNDS = BOUNDS | {
     "compression_damping": (1.0, 100.0),
 }
 CLOSURE_START = {"damping": 1.0, "buckling_strain": 0.03, "post_buckling": 0.3, "compression_damping": 4.0}
-WEIGHTS = Path(__file__).parents[1] / "surrogates" / "weights"
 
 
 @dataclass(frozen=True)
@@ -72,24 +73,15 @@ class Windows:
 
 def windows(scene: str, seeds: Sequence[int], horizon: int, folder: Path) -> Windows:
     """Windows of ``horizon`` frames of all ``seeds``, one after the other along the batch."""
-    parts: list[tuple[State, list[Controls], list[np.ndarray]]] = []
-    for seed in seeds:
-        case = Case(scene, seed)
-        described = case.world().scene
-        first = round(SETTLE / described.frame_dt)
-        starts = [first + SPACING * k for k in range(WINDOWS)]
-        keep = [start + frame for start in starts for frame in range(horizon + 1)]
-        truth = load(case, max(keep), keep, folder)
-        for at in starts:
-            ends = [truth.states[at + frame].positions for frame in range(1, horizon + 1)]
-            parts.append((truth.states[at], truth.controls[at : at + horizon], ends))
-    start = State(**{n: np.concatenate([part[0].arrays()[n] for part in parts]) for n in parts[0][0].arrays()})
-    controls = [
-        Controls(**{n: np.concatenate([vars(part[1][frame])[n] for part in parts]) for n in vars(parts[0][1][0])})
-        for frame in range(horizon)
-    ]
-    ends = [np.concatenate([part[2][frame] for part in parts]) for frame in range(horizon)]
-    return Windows(described, start, controls, ends)
+    described = Case(scene).world().scene
+    first = round(SETTLE / described.frame_dt)
+    starts = [first + SPACING * k for k in range(WINDOWS)]
+    keep = [start + frame for start in starts for frame in range(horizon + 1)]
+    truths = [load(Case(scene, seed), max(keep), keep, folder) for seed in seeds]
+    at = [(truth, start) for truth in truths for start in starts]
+    states = [stack_states([truth.states[start + k] for truth, start in at]) for k in range(horizon + 1)]
+    controls = [stack_controls([truth.controls[start + k] for truth, start in at]) for k in range(horizon)]
+    return Windows(described, states[0], controls, [state.positions for state in states[1:]])
 
 
 def errors(data: Windows, factor: int, **options: Any) -> tuple[np.ndarray, int]:
@@ -97,14 +89,11 @@ def errors(data: Windows, factor: int, **options: Any) -> tuple[np.ndarray, int]
 
     With it the number of substeps.
     """
-    backend = MiniatureBackend(data.scene, num_envs=data.start.batch, factor=factor, **options)
-    backend.reset(data.start)
-    grid, found = coarse_grid(data.scene.grid, factor), []
-    for controls, end in zip(data.controls, data.ends, strict=True):
-        backend.advance(controls)
-        gap = backend.coarse.state.positions - resample(end, data.scene.grid, grid)
-        found.append(np.sqrt((gap**2).sum(1)).mean((1, 2)) / length(data.scene))
-    return np.array(found), int(backend.coarse.solver.substeps[0])  # type: ignore[attr-defined]
+    coarse, found = CoarsePhysics(data.scene, num_envs=data.start.batch, factor=factor, **options), []
+    for (state, _), end in zip(replay(coarse, data.start, data.controls), data.ends, strict=True):
+        gap = state.positions - resample(end, data.scene.grid, coarse.scene.grid)
+        found.append(np.sqrt((gap**2).sum(1)).mean((1, 2)) / data.scene.grid.length)
+    return np.array(found), int(coarse.solver.substeps[0])  # type: ignore[attr-defined]
 
 
 def fit(data: Windows, factor: int, scaling: str, evaluations: int, most: float = MOST_SUBSTEPS) -> dict[str, float]:
@@ -150,6 +139,7 @@ def card(fitted: Windows, held_out: Windows, factor: int, scaling: str, factors:
 
 
 def main(argv: list[str] | None = None) -> int:
+    """Fit what the file lacks. Returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m training.calibrate", description=__doc__)
     parser.add_argument("--scaling", choices=list(HORIZONS), default="calibrated")
     parser.add_argument("--scenes", nargs="*", default=list(SCENES))
@@ -171,7 +161,9 @@ def main(argv: list[str] | None = None) -> int:
         if not wanted:
             continue
         frames = HORIZONS[scaling]
-        fitted, held_out = (windows(scene, seeds, frames, cache_folder()) for seeds in (FIT_SEEDS, HELD_OUT_SEEDS))
+        fitted, held_out = (
+            windows(scene, seeds, frames, cache_folder("truth")) for seeds in (FIT_SEEDS, HELD_OUT_SEEDS)
+        )
         for factor in wanted:
             factors = fit(fitted, factor, scaling, options.evaluations, options.substeps)
             entry = card(fitted, held_out, factor, scaling, factors)

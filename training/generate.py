@@ -17,7 +17,8 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from multiprocessing import get_context
@@ -28,13 +29,12 @@ import h5py
 import numpy as np
 from tqdm import tqdm
 
-from cloth_envs.physics.solver import reference
-from cloth_envs.policies import open_loop
 from cloth_envs.presets import load_preset, solver_of
-from cloth_envs.scenes.task import Episode, Task
-from cloth_envs.state import Controls, State
-from surrogates.miniature.backend import MiniatureBackend
-from training.bench.truth import cache_folder
+from cloth_envs.scenes.task import Task
+from cloth_envs.world import World
+from surrogates.miniature.coarse import CoarsePhysics
+from training.cache import cache_folder
+from training.rollouts import Recording, record, replay, seeded_actions
 
 LAYOUT = 1
 HELD_OUT_EVERY = 5  # one trajectory of so many
@@ -85,46 +85,34 @@ def task_of(scene: str, preset: str, own: Draw) -> Task:
     return cls(cls.make_scene(resolution=cls.resolution, material=cls.material))
 
 
-def simulate(
-    task: Task, preset: str, rng: np.random.Generator, frames: int, push: float = 0.0
-) -> tuple[list[State], list[Controls]]:
-    """The teacher's states, the start first, and the controls of every frame, under actions of size ``push``."""
-    start = task.start(rng)
-    state = State.still(start.positions[None].astype(np.float32), start.colliders[None].astype(np.float32))
-    state.velocities[:] = start.velocities
-    backend = reference(task.scene, num_envs=1, **solver_of(preset))
-    backend.reset(state)
-    seed = int(rng.integers(2**31))
-    actions = open_loop("smooth", max(frames, 200), len(task.actions), task.scene.frame_dt, seed)
-    memory = {name: value[None] for name, value in start.memory.items()}
-    episode = Episode(backend.state, memory, np.zeros((1, len(task.actions))))
-    states, controls = [backend.state.copy()], []
-    for frame in range(frames):
-        episode.action = push * np.asarray(actions[frame][None], np.float64)
-        control = task.controls(episode)
-        controls.append(Controls(**{name: np.array(value) for name, value in vars(control).items()}))
-        episode.state = backend.advance(control)
-        states.append(episode.state.copy())
-    return states, controls
+def simulate(task: Task, preset: str, rng: np.random.Generator, frames: int, push: float = 0.0) -> Recording:
+    """The teacher's states and controls of every frame, under actions of size ``push``.
+
+    Raises:
+        ValueError: the teacher failed.
+    """
+    world = World(type(task), backend_kwargs=solver_of(preset))
+
+    def actions() -> Iterator[np.ndarray]:
+        yield from push * seeded_actions(world, [int(rng.integers(2**31))], ["smooth"], frames)
+
+    run = record(world, actions(), range(frames + 1), seeds=[rng])
+    if run.failures[0]:
+        raise ValueError(f"the teacher of {task.scene.name} failed ({run.failures[0]}): use another --seed")
+    return run
 
 
-def miniature_runs(plan: Plan, task: Task, states: list[State], controls: list[Controls], factor: int) -> np.ndarray:
+def miniature_runs(plan: Plan, run: Recording, factor: int) -> np.ndarray:
     """Coarse positions ``(windows, 3 + window, 3, h, w)``: two frames of the past, the start, and a miniature run.
 
     The past is what the backend starts from: where the start came from at its velocity.
     """
-    solver = dict(solver_of(plan.preset))
-    name, runs = solver.pop("solver", "explicit"), []
-    backend = MiniatureBackend(task.scene, factor=factor, solver=name, solver_kwargs=solver)
+    options = dict(solver_of(plan.preset))
+    coarse = CoarsePhysics(run.scene, factor=factor, solver=options.pop("solver", "explicit"), options=options)
+    coarse.frames, runs = 3 + plan.window, []
     for first in range(0, plan.frames - plan.window + 1, plan.window):
-        backend.reset(states[first])
-        start = backend.coarse.state
-        now, step = start.positions[0].copy(), start.velocities[0] * np.float32(task.scene.frame_dt)
-        run = [now - 2 * step, now - step, now]
-        for control in controls[first : first + plan.window]:
-            backend.advance(control)
-            run.append(backend.coarse.state.positions[0].copy())
-        runs.append(np.stack(run))
+        deque(replay(coarse, run.states[first], run.controls[first : first + plan.window]), 0)
+        runs.append(np.concatenate([state.positions for state in coarse.history]))
     return np.stack(runs)
 
 
@@ -132,20 +120,18 @@ def write_shard(plan: Plan, folder: Path, index: int) -> Path:
     """Simulate one trajectory and store it; the file appears under its name only when it is whole.
 
     Raises:
-        ValueError: the teacher did not stay finite.
+        ValueError: the teacher failed.
     """
     path, own = folder / f"{index:05d}.h5", draw(plan, index)
     task = task_of(plan.scene, plan.preset, own)
     rng = np.random.default_rng((plan.seed, index, 1))
-    states, controls = simulate(task, plan.preset, rng, plan.frames, own.push)
-    positions = np.concatenate([state.positions for state in states])
-    if not np.isfinite(positions).all():
-        raise ValueError(f"trajectory {index} of {plan.scene} did not stay finite: use another --seed")
+    run = simulate(task, plan.preset, rng, plan.frames, own.push)
+    positions = np.concatenate([state.positions for state in run.states.values()])
     part = path.with_suffix(".part")
     with h5py.File(part, "w") as file:
         file["positions"] = positions
         for factor in plan.factors:
-            file[f"real/{factor}"] = miniature_runs(plan, task, states, controls, factor)
+            file[f"real/{factor}"] = miniature_runs(plan, run, factor)
         digest = hashlib.sha256(positions.tobytes()).hexdigest()
         file.attrs.update(plan=plan.text(), index=index, sha256=digest, **asdict(own))
     part.replace(path)
@@ -184,10 +170,11 @@ def generate(plan: Plan, folder: Path, count: int, workers: int = 1) -> int:
 
 def data_folder(scene: str, preset: str) -> Path:
     """Where data goes by default, among the user's caches."""
-    return cache_folder().parent / "pairs" / preset / scene.lower()
+    return cache_folder("pairs") / preset / scene.lower()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
+    """Write the trajectories. Returns the exit code."""
     parser = argparse.ArgumentParser(prog="minicloth generate", description=__doc__)
     parser.add_argument("scene", metavar="SCENE", help="Curtain, Flag or Collision")
     parser.add_argument("--preset", default="lee2019", help="a preset with mass and spring as options (lee2019)")

@@ -1,4 +1,4 @@
-"""The one loop that runs cloth for data and for measurements: record, replay, stack, nudge, retime.
+"""The one loop that runs cloth for data and for measurements: record, play, replay, stack, nudge, retime.
 
 A task's controls follow from the state, so those of a run are recorded once and replayed for every other physics: all
 get the same handles, bodies, wind and pressure.
@@ -6,10 +6,10 @@ get the same handles, bodies, wind and pressure.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
-from time import perf_counter, process_time
-from typing import NamedTuple
+from time import perf_counter, process_time, thread_time
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.utils.seeding import np_random
@@ -60,19 +60,37 @@ class Recording:
         )
 
 
-def seeded_actions(world: World, seeds: Sequence[int], policies: Sequence[str], frames: int) -> np.ndarray:
-    """Open-loop actions ``(frames, B, A)``, one seed a cloth; ``policies`` take turns over the seeds."""
+def seeded_actions(
+    world: World, seeds: Sequence[int], policies: Sequence[str], frames: int, *, least: int = 200
+) -> np.ndarray:
+    """Open-loop actions ``(frames, B, A)``, one seed a cloth; ``policies`` take turns over the seeds.
+
+    They are drawn for ``least`` frames or more: a signal depends on how long it is.
+    """
     size, dt = len(world.task.actions), world.scene.frame_dt
     turns = [policies[i % len(policies)] for i in range(len(seeds))]
-    drawn = [open_loop(policy, max(frames, 200), size, dt, seed) for policy, seed in zip(turns, seeds, strict=True)]
+    drawn = [open_loop(policy, max(frames, least), size, dt, seed) for policy, seed in zip(turns, seeds, strict=True)]
     return np.stack(drawn, 1)[:frames]
 
 
-def record(world: World, actions: np.ndarray, keep: Iterable[int], *, seeds: Sequence[int]) -> Recording:
-    """Start ``world`` from ``seeds``, run it under ``actions`` ``(T, B, A)``; states at the ends of frames ``keep``."""
+def record(
+    world: World,
+    actions: Iterable[np.ndarray],
+    keep: Iterable[int],
+    *,
+    seeds: Sequence[int | np.random.Generator],
+    take: Callable[[State], State] = State.copy,
+) -> Recording:
+    """Start ``world`` from ``seeds`` and run it; states at the ends of frames ``keep``.
+
+    Args:
+        actions: ``(T, B, A)``, or what gives ``(B, A)`` frame by frame, asked for the first after the start.
+        seeds: of the cloths, or the generators that their starts draw from.
+        take: what is kept of a state.
+    """
     wanted, failures = set(keep), [""] * len(seeds)
-    world.reset({i: np_random(seed)[0] for i, seed in enumerate(seeds)})
-    states = {0: world.state.copy()} if 0 in wanted else {}
+    world.reset({i: s if isinstance(s, np.random.Generator) else np_random(s)[0] for i, s in enumerate(seeds)})
+    states = {0: take(world.state)} if 0 in wanted else {}
     controls: list[Controls] = []
     for frame, action in enumerate(actions, 1):
         reasons = world.step(action)[1]
@@ -82,27 +100,52 @@ def record(world: World, actions: np.ndarray, keep: Iterable[int], *, seeds: Seq
             old or (f"{new} at frame {frame}" if new else "") for old, new in zip(failures, reasons, strict=True)
         ]
         if frame in wanted:
-            states[frame] = world.state.copy()
+            states[frame] = take(world.state)
     return Recording(world.scene, states, controls, list(world.materials), failures)
 
 
+def play(
+    world: World, policy: Callable[[np.ndarray], np.ndarray], seeds: Sequence[int], frames: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean reward per frame of an episode of every member of ``world``, and which of them failed, both ``(B,)``.
+
+    Member i starts from ``seeds[i]``; ``policy`` turns observations of the batch into actions. A failed one earns
+    nothing from then on.
+    """
+    world.reset({i: np_random(seed)[0] for i, seed in enumerate(seeds)})
+    total, alive = np.zeros(len(seeds)), np.ones(len(seeds), bool)
+    for _ in range(frames):
+        rewards, reasons = world.step(policy(world.observe()))
+        alive &= [reason is None for reason in reasons]
+        total += rewards * alive
+    return total / frames, ~alive
+
+
 class Seconds(NamedTuple):
-    """Time that a frame took [s]: on the wall, and of the processor, whatever else ran on it meanwhile."""
+    """Time that a frame took [s].
+
+    ``wall`` is by the clock, ``step`` its part until ``advance`` returned (a lazy backend infers its cloth after it),
+    ``cpu`` of the processor, whatever else ran on it meanwhile, and ``thread`` of this thread alone.
+    """
 
     wall: float
+    step: float
     cpu: float
+    thread: float
 
 
 def replay(
-    backend: Backend, start: State, controls: Sequence[Controls], materials: Sequence[Material] | None = None
+    backend: Backend, start: State | None, controls: Iterable[Controls], materials: Sequence[Material] | None = None
 ) -> Iterator[tuple[State, Seconds]]:
-    """The state after every frame from ``start``, and the time that the backend took for it."""
-    backend.reset(start, materials)
+    """The state after every frame from ``start`` (None: where the backend is), and the time that it took."""
+    if start is not None:
+        backend.reset(start, materials)
     for control in controls:
-        wall, cpu = perf_counter(), process_time()
+        thread, cpu, wall = thread_time(), process_time(), perf_counter()
         state = backend.advance(control)
+        step = perf_counter() - wall
         state.positions, state.velocities  # noqa: B018  a lazy backend infers them now
-        yield state, Seconds(perf_counter() - wall, process_time() - cpu)
+        yield state, Seconds(perf_counter() - wall, step, process_time() - cpu, thread_time() - thread)
 
 
 def stack_states(states: Sequence[State]) -> State:
@@ -113,6 +156,45 @@ def stack_states(states: Sequence[State]) -> State:
 def stack_controls(controls: Sequence[Controls]) -> Controls:
     """Batches one after the other as one batch."""
     return Controls(**{f.name: np.concatenate([getattr(c, f.name) for c in controls]) for f in fields(Controls)})
+
+
+@dataclass(frozen=True)
+class FramePairs:
+    """N frames of a scene: the cloths ``before`` each, its ``controls``, the cloths ``after``, and ``materials``."""
+
+    scene: Scene
+    before: State
+    controls: Controls
+    after: State
+    materials: list[Material]
+
+
+def one_frame_pairs(
+    scene: str, seeds: Sequence[int], frames: int, *, policies: Sequence[str] = ("smooth",), **options: Any
+) -> FramePairs:
+    """Every frame of one episode a seed, episode by episode: what a surrogate of single frames learns from.
+
+    Args:
+        scene: its name.
+        frames: of an episode.
+        policies: take turns over the seeds, see ``cloth_envs.policies``.
+        options: of the world: ``backend_kwargs``, ``material``, ``randomize``, ``resolution``, ``preset``.
+
+    Raises:
+        ValueError: all episodes failed; those that did are left out.
+    """
+    world = World(scene, num_envs=len(seeds), **options)
+    run = record(world, seeded_actions(world, seeds, policies, frames), range(frames + 1), seeds=seeds)
+    if not run.good:
+        raise ValueError(f"all episodes of {scene} failed ({run.failures[0]}): choose other seeds or fewer frames")
+    cloths = [run.only([i]) for i in run.good]
+    return FramePairs(
+        world.scene,
+        stack_states([cloth.states[frame] for cloth in cloths for frame in range(frames)]),
+        stack_controls([control for cloth in cloths for control in cloth.controls]),
+        stack_states([cloth.states[frame] for cloth in cloths for frame in range(1, frames + 1)]),
+        [cloth.materials[0] for cloth in cloths for _ in range(frames)],
+    )
 
 
 def nudge(state: State, scene: Scene, seed: int) -> State:
@@ -135,15 +217,16 @@ def retime(scene: Scene, start: State, controls: Sequence[Controls], factor: flo
         groups = [controls[i : i + n] for i in range(0, len(controls) - n + 1, n)]
         return [_mixed(group) for group in groups]
     n, out = round(1 / factor), []
-    flat = [a.reshape(1, 3, -1)[..., list(scene.handles)] for a in (start.positions, start.velocities)]
-    before = (*(a.transpose(0, 2, 1) for a in flat), start.colliders, start.collider_velocities)
-    for control in controls:
-        after = control.handle_positions, control.handle_velocities, control.colliders, control.collider_velocities
-        for part in range(1, n + 1):
-            handles = hermite(part / n, scene.frame_dt, *before[:2], *after[:2])
-            bodies = hermite(part / n, scene.frame_dt, *before[2:], *after[2:])
-            out.append(Controls(*handles, *bodies, control.wind, control.pressure))
-        before = after
+    x, v = (
+        a.reshape(1, 3, -1)[..., list(scene.handles)].transpose(0, 2, 1) for a in (start.positions, start.velocities)
+    )
+    bodies, moving = start.colliders, start.collider_velocities
+    for c in controls:
+        for part in (k / n for k in range(1, n + 1)):
+            handles = hermite(part, scene.frame_dt, x, v, c.handle_positions, c.handle_velocities)
+            around = hermite(part, scene.frame_dt, bodies, moving, c.colliders, c.collider_velocities)
+            out.append(Controls(*handles, *around, c.wind, c.pressure))
+        x, v, bodies, moving = c.handle_positions, c.handle_velocities, c.colliders, c.collider_velocities
     return out
 
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from cloth_envs.naming import unknown_name
-from training.bench.throughput.run import write_rows
 
 Row = TypeVar("Row")
 _READ: dict[str, Callable[[str], Any]] = {"str": str, "int": int, "float": float}
@@ -42,6 +41,19 @@ def read_rows(path: Path, kind: type[Row]) -> list[Row]:
         return [kind(**{name: types[name](text) for name, text in row.items()}) for row in reader]
 
 
+def write_rows(path: Path, rows: Sequence[Any]) -> None:
+    """Dataclasses as CSV."""
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, [field.name for field in fields(rows[0])])
+        writer.writeheader()
+        writer.writerows(asdict(row) for row in rows)
+
+
+def rounded(row: Row) -> Row:
+    """``row`` with its floats to five digits: files stay small."""
+    return type(row)(**{n: float(f"{v:.5g}") if isinstance(v, float) else v for n, v in vars(row).items()})
+
+
 class Store(Generic[Row]):
     """Rows of one kind, known by the fields ``key``; written to ``path`` (if any) whenever one is added."""
 
@@ -60,11 +72,13 @@ class Store(Generic[Row]):
     def add(self, *rows: Row) -> None:
         """Append ``rows``, each in place of one with the same key."""
         new = {self._of(row) for row in rows}
-        if new & self._known:
-            self.rows = [old for old in self.rows if self._of(old) not in new]
-        self.rows += rows
-        self._known |= new
-        if self.path is not None:
+        kept = [old for old in self.rows if self._of(old) not in new] if new & self._known else self.rows
+        self.replace([*kept, *rows])
+
+    def replace(self, rows: Sequence[Row]) -> None:
+        """Hold ``rows`` instead of what was held."""
+        self.rows, self._known = list(rows), {self._of(row) for row in rows}
+        if self.path is not None and rows:
             part = self.path.with_suffix(".part")
             write_rows(part, self.rows)
             part.replace(self.path)

@@ -13,14 +13,6 @@ from cloth_envs.commands.checkout import load
 from cloth_envs.commands.parser import parser
 from cloth_envs.naming import unknown_name
 
-# name -> "module:main(argv)", imported on use.
-TRAININGS = {
-    "dynamics": "training.train_dynamics:main",
-    "local": "training.train_local:main",
-    "physics-cnn": "training.train_physics_cnn:main",
-    "upscaler": "training.train_upscaler:main",
-}
-
 
 def _list(given: argparse.Namespace) -> str:
     from cloth_envs.commands import listing
@@ -80,7 +72,7 @@ def _bench(given: argparse.Namespace) -> NoReturn:
 
 
 def _train(given: argparse.Namespace) -> NoReturn:
-    _run("training", TRAININGS, given.training, given.options)
+    _run("training", load("training:TRAININGS"), given.training, given.options)
 
 
 def _generate(given: argparse.Namespace) -> NoReturn:

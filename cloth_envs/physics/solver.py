@@ -105,7 +105,7 @@ class Solver(ABC):
 
     yields: ClassVar[bool] = False  # to compression, as ``Material.yields`` says
 
-    def __init__(self, scene: Scene, *, num_envs: int, threads: int, dtype: str) -> None:
+    def __init__(self, scene: Scene, *, num_envs: int = 1, threads: int = 1, dtype: str = "float32") -> None:
         if dtype not in ("float32", "float64"):
             raise unknown_name("dtype", dtype, ("float32", "float64"))
         self.scene, self.num_envs = scene, whole_number("num_envs", num_envs)

@@ -10,7 +10,7 @@ from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene
 from cloth_envs.scenes.drives import Drive
-from cloth_envs.scenes.measures import columns, mean_point, tolerance
+from cloth_envs.scenes.measures import columns, mean_span, tolerance
 from cloth_envs.scenes.starts import bow
 from cloth_envs.scenes.task import Episode, Start, Task
 from cloth_envs.state import Controls
@@ -111,9 +111,7 @@ class Curtain(Task):
 
     def covered(self, episode: Episode) -> np.ndarray:
         """Covered fraction of the window, ``(B,)``."""
-        positions = episode.state.positions
-        span = mean_point(positions, self.last) - mean_point(positions, self.first)
-        return span[:, 0] / self.scene.grid.width
+        return mean_span(episode.state.positions, self.first, self.last)[:, 0] / self.scene.grid.width
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state

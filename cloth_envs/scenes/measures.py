@@ -37,6 +37,12 @@ def root_mean_square(field: np.ndarray, vertices: np.ndarray, first: int = 0, la
     return np.sqrt(np.square(points(field, vertices)[:, first:last]).sum(1).mean(1))
 
 
+@compiled  # 11 us a call, two of them on the curtain
+def mean_span(positions: np.ndarray, first: np.ndarray, second: np.ndarray, /) -> np.ndarray:
+    """Mean of ``x[second] - x[first]`` over pairs of vertices, ``(B, 3)`` [m]."""
+    return (points(positions, second) - points(positions, first)).mean(2)
+
+
 @compiled  # 56 us
 def loop_area(positions: np.ndarray, loop: np.ndarray, /) -> np.ndarray:
     """Area vector ``sum x_i x x_(i+1) / 2`` of a closed line through vertices, ``(B, 3)`` [m^2]."""

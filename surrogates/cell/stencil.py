@@ -5,8 +5,7 @@ The same cell runs on CPUs through the compiled kernel of particles; see ``surro
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -17,7 +16,6 @@ from cloth_envs.physics.particles.solver import NEIGHBOURS, Cell
 
 BRANCHES = ("linear", "nonlinear", "derivative", "bias")
 NEAR = 8  # of the neighbours; the others are at distance two
-Force = Callable[[Tensor, Tensor], Tensor]  # positions, velocities -> forces, all (B, 3, H, W)
 
 
 def difference_kernels() -> tuple[Tensor, Tensor]:
@@ -133,79 +131,3 @@ def neighbour_mask(rows: int, cols: int, like: Tensor) -> Tensor:
     down, right = r + offsets[:, :1], c + offsets[:, 1:]
     there = ((down >= 0) & (down < rows))[:, :, None] & ((right >= 0) & (right < cols))[:, None, :]
     return there.to(like.dtype)
-
-
-class Ball(NamedTuple):
-    """``centre`` and ``velocity`` ``(B, 3)``, ``radius`` [m]; ``keep`` is what a step inside leaves of a velocity."""
-
-    centre: Tensor
-    velocity: Tensor
-    radius: float
-    keep: float
-
-
-class Held(NamedTuple):
-    """Driven particles: flat ``vertices`` ``(N,)``, their ``places`` and ``rates`` ``(B, 3, N)`` after the step."""
-
-    vertices: Tensor
-    places: Tensor
-    rates: Tensor
-
-
-def pressure_force(positions: Tensor, pressure: Tensor) -> Tensor:
-    """Eq. 3, ``p sum r_a x r_b`` over four pairs of nearest neighbours, for ``pressure`` ``(B,)`` [Pa].
-
-    It is ``p (right - left) x (up - down)``, where a missing neighbour counts as lying on the particle.
-    """
-    spread = functional.pad(positions, (1, 1, 1, 1), mode="replicate")
-    across = spread[..., 1:-1, 2:] - spread[..., 1:-1, :-2]
-    up = spread[..., :-2, 1:-1] - spread[..., 2:, 1:-1]
-    return pressure[:, None, None, None] * torch.linalg.cross(across, up, dim=1)
-
-
-def hit_ball(positions: Tensor, velocities: Tensor, ball: Ball) -> Tensor:
-    """Velocities after a step inside a ball: no inward part, then ``keep`` of the rest, relative to the ball."""
-    moving = ball.velocity[:, :, None, None]
-    d, u = positions - ball.centre[:, :, None, None], velocities - moving
-    away = d.norm(dim=1, keepdim=True)
-    n = d / away.clamp_min(torch.finfo(d.dtype).tiny)
-    left = ball.keep * (u - (u * n).sum(1, keepdim=True).clamp_max(0) * n)
-    return torch.where(away < ball.radius, left + moving, velocities)
-
-
-def step(
-    cell: Force,
-    positions: Tensor,
-    velocities: Tensor,
-    *,
-    dt: float,
-    mass: float = 1.0,
-    decay: float = 1.0,
-    pressure: Tensor | None = None,
-    forces: Sequence[Force] = (),
-    balls: Sequence[Ball] = (),
-    held: Held | None = None,
-) -> tuple[Tensor, Tensor]:
-    """One semi-implicit step of fig. 2: the cell, what is plugged in, constraints, then ``x += dt v`` (eq. 5).
-
-    Args:
-        dt: [s]. mass: of a particle [kg]. decay: what air drag leaves of a velocity in a step.
-        pressure: ``(B,)`` [Pa] of eq. 3.
-        forces: more of them, from a simulator or from sub-networks [N].
-        balls: contact with friction.
-        held: boundary conditions, encoded hard: these particles go where they are driven.
-    """
-    force = cell(positions, velocities)
-    if pressure is not None:
-        force = force + pressure_force(positions, pressure)
-    for extra in forces:
-        force = force + extra(positions, velocities)
-    velocities = (velocities + dt / mass * force) * decay
-    for ball in balls:
-        velocities = hit_ball(positions, velocities, ball)
-    positions = positions + dt * velocities
-    if held is not None:
-        shape = positions.shape
-        positions = positions.flatten(2).index_copy(2, held.vertices, held.places).reshape(shape)
-        velocities = velocities.flatten(2).index_copy(2, held.vertices, held.rates).reshape(shape)
-    return positions, velocities

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from functools import cache
-from importlib.resources import files
 from typing import Any
 
 from cloth_envs.material import Material
 from cloth_envs.naming import unknown_name
+from surrogates.checkpoint import WEIGHTS
 
 SCALINGS = ("similar", "seed", "calibrated", "closure")
 # Material properties that a calibration multiplies; a closure multiplies those after them too.
@@ -20,7 +20,7 @@ CLOSURE = (*FACTORS, "buckling_strain", "post_buckling", "compression_damping")
 @cache
 def card(scaling: str = "calibrated") -> dict[str, Any]:
     """All factors by scene and grid factor, with how they were fitted; ``scaling`` is also the file's name."""
-    return json.loads((files("surrogates") / "weights" / f"{scaling}.json").read_text())
+    return json.loads((WEIGHTS / f"{scaling}.json").read_text())
 
 
 def load_factors(scene: str, factor: float, scaling: str = "calibrated") -> dict[str, float]:

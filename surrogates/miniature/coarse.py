@@ -142,9 +142,9 @@ class CoarsePhysics:
 
     def advance(self, controls: Controls) -> State:
         """One frame under the fine cloth's controls; returns the coarse state."""
-        before = self.state
         after = self.solver.advance(self.handles.controls(controls, self._offsets))
         if self._correct is not None:
+            before = self.history[-1]
             self._correct.apply(before.velocities, after.wind, after.colliders, after.positions, after.velocities)
         self.history = [*self.history[1:], after]
         return after

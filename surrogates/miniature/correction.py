@@ -168,6 +168,7 @@ def _places(coarse: Scene) -> np.ndarray:
 
 
 def weights_name(scene: str) -> str:
+    """The checkpoint of a scene."""
     return f"dynamics_{scene.lower()}"
 
 

@@ -37,6 +37,7 @@ class Upscaled:
         self.contact, self.guarded = Projection(self.scene), np.zeros(0, bool)
         self._guard, self._held = guard, np.array(self.scene.handles, np.int32)
         self._state: State | None = None
+        self._remembers = isinstance(upscaling, RememberingUpscaler)
         coarse.frames = upscaling.frames
 
     @property
@@ -95,7 +96,7 @@ class Upscaled:
             return fine
 
         self._state = LazyState(coarse, positions, velocities)
-        if isinstance(self.upscaling, RememberingUpscaler):
+        if self._remembers:
             self._state.arrays()
         return self._state
 

@@ -35,6 +35,9 @@ class Local(Upscaler):
             last layer has no bias: it follows from the flat sheet), and, if the material counts, ``material``
             ``(out, 2)``, ``material_low`` and ``material_high`` ``(2,)``.
 
+    Attributes:
+        weights: of all layers.
+
     Raises:
         ValueError: a tube, or a scene without weights; says how to train them.
     """
@@ -50,11 +53,11 @@ class Local(Upscaler):
         if arrays is None:
             arrays = shipped(self.method, fine.name, factor)
         self._flat = flat_features(coarse.grid)
-        self._weights = [arrays[f"weight{k}"] for k in range(LAYERS) if f"weight{k}" in arrays]
-        self._offsets = [arrays[f"bias{k}"] for k in range(len(self._weights) - 1)]
+        self.weights = [arrays[f"weight{k}"] for k in range(LAYERS) if f"weight{k}" in arrays]
+        self._offsets = [arrays[f"bias{k}"] for k in range(len(self.weights) - 1)]
         self._material = [arrays[n] for n in ("material", "material_low", "material_high") if n in arrays]
-        self._net = PatchNet(spacing(coarse.grid), LIMIT, [np.ascontiguousarray(w, np.float32) for w in self._weights])
-        self._bias = np.zeros((0, sum(len(w) for w in self._weights)), np.float32)
+        self._net = PatchNet(spacing(coarse.grid), LIMIT, [np.ascontiguousarray(w, np.float32) for w in self.weights])
+        self._bias = np.zeros((0, sum(len(w) for w in self.weights)), np.float32)
         double = dense_grid(fine.grid, coarse.grid, 2)
         self._finer = None if double.shape == fine.grid.shape else Resampler(double, fine.grid).kernel
 
@@ -69,14 +72,14 @@ class Local(Upscaler):
     def biases(self, materials: Sequence[Material]) -> np.ndarray:
         """Biases of all layers, one after the other, ``(B, n)``."""
         x, out = np.tile(self._flat, (len(materials), 1)), []
-        for k, weight in enumerate(self._weights[:-1]):
+        for k, weight in enumerate(self.weights[:-1]):
             bias = np.tile(self._offsets[k].astype(np.float64), (len(materials), 1))
             if k == 0 and self._material:
                 effect, low, high = self._material
                 bias += np.clip(stiffness_numbers(self.coarse, materials), low, high) @ effect.T
             out.append(bias)
             x = np.maximum(x @ weight.T + bias, 0)
-        return np.concatenate([*out, -(x @ self._weights[-1].T)], 1).astype(np.float32)
+        return np.concatenate([*out, -(x @ self.weights[-1].T)], 1).astype(np.float32)
 
     def positions(self, history: Sequence[State]) -> np.ndarray:
         x = history[-1].positions
@@ -90,10 +93,10 @@ class Local(Upscaler):
         grid, unit = self.coarse.grid, spacing(self.coarse.grid)
         numbers, turn = features(x, unit)
         begin = 0
-        for k, weight in enumerate(self._weights):
+        for k, weight in enumerate(self.weights):
             numbers = numbers @ weight.T + self._bias[: len(x), None, begin : begin + len(weight)]
             begin += len(weight)
-            if k + 1 < len(self._weights):
+            if k + 1 < len(self.weights):
                 numbers = np.maximum(numbers, 0)
         vectors = answer(numbers, turn, unit)
         return squares(*grid.shape, 2).seam(vectors.reshape(-1, 3 * vectors.shape[2]))

@@ -23,14 +23,14 @@ from training.rows import Store, read_names, read_rows
 
 # name on the command line -> "module:BENCHMARK", imported on use.
 BENCHMARKS: dict[str, str] = {
-    "convergence": "training.bench.convergence.run:BENCHMARK",
-    "mesh": "training.bench.mesh.run:BENCHMARK",
-    "peers": "training.bench.peers.run:BENCHMARK",
     "speed-accuracy": "training.bench.speed_accuracy.run:BENCHMARK",
     "stability": "training.bench.stability.run:BENCHMARK",
+    "transfer": "training.bench.transfer.run:BENCHMARK",
+    "mesh": "training.bench.mesh.run:BENCHMARK",
+    "convergence": "training.bench.convergence.run:BENCHMARK",
+    "peers": "training.bench.peers.run:BENCHMARK",
     "tables": "training.bench.papers.run:BENCHMARK",
     "throughput": "training.bench.throughput.run:BENCHMARK",
-    "transfer": "training.bench.transfer.run:BENCHMARK",
 }
 
 
@@ -60,8 +60,11 @@ class Session:
         self.quick: bool = given.quick
         self.out: Path | None = given.out
         self.images: Path | None = given.images or given.out
-        self.scenes: list[str] = read_names(given.scenes, list(SCENES), "scene")
+        usual = list(benchmark.scenes)
+        self.scenes = usual if given.scenes is None else read_names(given.scenes, benchmark.known, "scene")
         self.about: dict[str, Any] = {**header(), "revision": revision(), "quick": given.quick}
+        if self.out and not given.chart_only:
+            self.out.mkdir(parents=True, exist_ok=True)
         self._stores: dict[str, Store[Any]] = {}
 
     def cache(self, kind: str) -> Path:
@@ -75,6 +78,11 @@ class Session:
             path = self.out / f"{stem}.csv" if self.out else None
             self._stores[stem] = Store(path, file.kind, file.key, fresh=self.given.fresh)
         return self._stores[stem]
+
+    def write(self, header: Path | None) -> None:
+        """What the session says of itself, as JSON."""
+        if header:
+            header.write_text(json.dumps(self.about, indent=2) + "\n")
 
     def rows(self) -> dict[str, list[Any]]:
         """Rows by stem: what this call's stores hold, or else what is on disk."""
@@ -92,6 +100,8 @@ class Benchmark:
         files: stem of a CSV -> what its rows are.
         parts: tables for people, in the order in which they are shown.
         measure: fills the session's stores.
+        scenes: those that are measured unless ``--scenes`` names others.
+        known: what ``--scenes`` may name.
         charts: stem of a picture -> what it shows; drawn by ``draw(rows by stem, folder, setup)``.
         options: adds options of its own to the parser.
     """
@@ -101,6 +111,8 @@ class Benchmark:
     files: Mapping[str, RowFile]
     parts: Sequence[Part]
     measure: Callable[[Session], None]
+    scenes: Sequence[str] = tuple(SCENES)
+    known: Sequence[str] = tuple(SCENES)
     charts: Mapping[str, str] | None = None
     draw: Callable[[Mapping[str, list[Any]], Path, str], None] | None = None
     options: Callable[[argparse.ArgumentParser], None] | None = None
@@ -113,7 +125,7 @@ class Benchmark:
     def parser(self) -> argparse.ArgumentParser:
         """The options that all benchmarks have, and its own."""
         top = argparse.ArgumentParser(prog=f"minicloth bench {self.name}", description=self.about)
-        top.add_argument("--scenes", default=",".join(SCENES), help="default: all")
+        top.add_argument("--scenes", help="default: " + ",".join(self.scenes))
         top.add_argument("--quick", action="store_true", help="a trial run in 2 minutes; says that it is quick")
         top.add_argument("--out", type=Path, help="folder for rows (CSV), their header (JSON) and charts")
         top.add_argument("--images", type=Path, help="another folder for the charts")
@@ -128,19 +140,26 @@ class Benchmark:
         return top
 
     def main(self, argv: Sequence[str]) -> int:
-        """Measure what is missing, print the tables, write rows, header and charts."""
+        """Measure what is missing, print the tables, write rows, header and charts.
+
+        Raises:
+            ValueError: an unknown name; ``--chart-only`` without ``--out``; rows of ``--quick`` would mix with others.
+        """
         session = Session(self, self.parser().parse_args(argv))
+        header = session.out / f"{self.header}.json" if session.out else None
+        old = json.loads(header.read_text()) if header and header.is_file() else None
         if session.given.chart_only:
-            if session.out is None:
-                raise ValueError("--chart-only needs --out, the folder that holds the rows")
-            session.about = json.loads((session.out / f"{self.header}.json").read_text())
+            if old is None:
+                raise ValueError("--chart-only needs --out, the folder that holds the rows and their header")
+            session.about = old
         else:
-            if session.out:
-                session.out.mkdir(parents=True, exist_ok=True)
+            if old and old["quick"] != session.quick and not session.given.fresh:
+                kind = "without" if session.quick else "of"
+                raise ValueError(f"{session.out} holds rows {kind} --quick: choose another --out, or --fresh")
             print(setup(session.about))
+            session.write(header)
             self.measure(session)
-            if session.out:
-                (session.out / f"{self.header}.json").write_text(json.dumps(session.about, indent=2) + "\n")
+            session.write(header)
         rows = session.rows()
         for part in self.parts:
             if all(rows.get(stem) for stem in part.files):
@@ -176,7 +195,8 @@ def saved(benchmark: Benchmark, folder: Path) -> dict[str, list[Any]]:
 def setup(about: Mapping[str, Any]) -> str:
     """Where and how rows were measured, for the top of a table and the foot of a chart."""
     quick = ", QUICK: a trial run, not for citing" if about["quick"] else ""
-    return f"{about['processor']}, {about.get('threads', 1)} thread(s){quick}"
+    engines = f", {about['engines']}" if about.get("engines") else ""
+    return f"{about['processor']}, {about.get('threads', 1)} thread(s){engines}{quick}"
 
 
 def revision() -> str:

@@ -1,180 +1,70 @@
-"""Who takes part in `minicloth bench speed-accuracy`: solvers, miniatures and baselines, each swept into a curve."""
+"""The one table of what benchmarks measure: families of methods, each swept into a curve, and who takes part where."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
-from cloth_envs.registry import make_backend
-from cloth_envs.resample import resample, weights
+from cloth_envs.backend import Backend, keywords, parse_backend
+from cloth_envs.physics.truth import TRUTHS
+from cloth_envs.registry import load_backend, make_backend
 from cloth_envs.scene import Scene
-from cloth_envs.state import Controls, LazyState, State
-from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
-from surrogates.miniature.upscaled import Upscaled
-from surrogates.upscale.protocol import INTERPOLATIONS, Interpolation
+from cloth_envs.state import State
+from surrogates.upscale.protocol import INTERPOLATIONS
 
-
-def moved(state: State, controls: Controls, cloth: Mapping[str, np.ndarray]) -> State:
-    """``cloth`` with the bodies, wind and pressure of ``controls``."""
-    driven = {name: getattr(controls, name) for name in ("colliders", "collider_velocities", "wind", "pressure")}
-    return State(**{**state.arrays(), **driven, **cloth})
-
-
-class Extrapolation:
-    """No physics: the last known frame again, or on at its velocity with ``moving``."""
-
-    def __init__(self, scene: Scene, *, moving: bool) -> None:
-        self.scene, self._moving = scene, moving
-
-    def reset(self, state: State) -> None:
-        self._state = state.astype(np.float32)
-        self._state.velocities *= self._moving
-
-    def advance(self, controls: Controls) -> State:
-        now = self._state
-        step = {"positions": now.positions + np.float32(self.scene.frame_dt) * now.velocities}
-        self._state = moved(now, controls, {**step, "velocities": now.velocities})
-        return self._state
-
-
-def coarser(scene: Scene, *, num_envs: int, factor: float, upscaler: str) -> Upscaled:
-    """The similar miniature of any ``factor`` above 1, such as 1.5."""
-    coarse = CoarsePhysics(scene, num_envs=num_envs, factor=factor)
-    return Upscaled(coarse, Interpolation(coarse.scene, scene, factor, kind=INTERPOLATIONS[upscaler]))
-
-
-class Offset:
-    """A miniature plus what its upscaled start lacked: the fine detail of the start stays for ever."""
-
-    def __init__(self, miniature: Upscaled) -> None:
-        self.scene, self._miniature = miniature.scene, miniature
-
-    def reset(self, state: State) -> None:
-        self._miniature.reset(state)
-        coarse = self._miniature.coarse
-        self._lack = {}
-        for name in ("positions", "velocities"):
-            lack = getattr(state, name) - resample(getattr(coarse.state, name), coarse.scene.grid, self.scene.grid)
-            lack.reshape(*lack.shape[:2], -1)[..., list(self.scene.handles)] = 0.0
-            self._lack[name] = lack.astype(np.float32)
-
-    def advance(self, controls: Controls) -> State:
-        state = self._miniature.advance(controls)
-        x, v = self._lack["positions"], self._lack["velocities"]
-        return LazyState(self._miniature.coarse.state, lambda _: state.positions + x, lambda _: state.velocities + v)
-
-
-class Oracle:
-    """The exact coarse cloth, upscaled: what interpolation alone loses."""
-
-    def __init__(self, scene: Scene, truth: Sequence[State], *, factor: float, upscaler: str) -> None:
-        self.scene, self._truth, self._kind = scene, truth, INTERPOLATIONS[upscaler]
-        self._coarse = coarse_grid(scene.grid, factor)
-
-    def reset(self, state: State) -> None:
-        self._frame = 0
-
-    def advance(self, controls: Controls) -> State:
-        self._frame += 1
-        now, up = self._truth[self._frame], weights(self._coarse, self.scene.grid, self._kind)
-        fields = ("positions", "velocities")
-        small = {name: resample(getattr(now, name), self.scene.grid, self._coarse) for name in fields}
-        return moved(now, controls, {name: up[0] @ small[name] @ up[1].T for name in fields})
+Options = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Job:
-    """For what a method is built: the ``scene``, a batch, threads, and the truth's frames (for the oracle)."""
+class Participant:
+    """One setting of one method.
 
-    scene: Scene
-    num_envs: int = 1
-    threads: int = 1
-    truth: Sequence[State] = ()
-
-
-def _solver(name: str, job: Job, **options: Any) -> Any:
-    threads = {"threads": job.threads} if job.threads > 1 else {}
-    return make_backend(
-        "reference", job.scene, num_envs=job.num_envs, backend_kwargs={"solver": name, **options, **threads}
-    )
-
-
-def _miniature(scaling: str, job: Job, *, factor: float, upscaler: str = "bicubic", **options: Any) -> Any:
-    if factor not in (2, 3, 4):
-        return coarser(job.scene, num_envs=job.num_envs, factor=factor, upscaler=upscaler)
-    options |= {"factor": factor, "scaling": scaling, "upscaler": upscaler, "threads": job.threads}
-    return make_backend("miniature", job.scene, num_envs=job.num_envs, backend_kwargs=options)
-
-
-def _offset(scaling: str, job: Job, *, factor: int) -> Any:
-    return Offset(_miniature(scaling, job, factor=factor))
-
-
-Builder = Callable[..., Any]
-FACTORS = ({"factor": 2}, {"factor": 3}, {"factor": 4})
-ALL_FACTORS = ({"factor": 1.5}, *FACTORS)
-ORACLE, FLOOR = "oracle coarse", "chaos floor"
-# family -> (how it is built from a Job and options, its sweep). Add a method by a line.
-FAMILIES: dict[str, tuple[Builder, Sequence[Mapping[str, Any]]]] = {
-    "explicit": (lambda job, **o: _solver("explicit", job, **o), ({}, {"refine": 2}, {"refine": 4})),
-    "admm": (lambda job, **o: _solver("admm", job, **o), [{"iterations": n} for n in (1, 3, 10, 30, 100)]),
-    "admm substeps": (
-        lambda job, **o: _solver("admm", job, **o),
-        [{"iterations": 10, "substeps": n} for n in (2, 4, 8, 16)],
-    ),
-    "implicit": (lambda job, **o: _solver("implicit", job, **o), [{"tolerance": t} for t in (1e-1, 1e-2)]),
-    "implicit substeps": (
-        lambda job, **o: _solver("implicit", job, **o),
-        [{"scheme": "sdirk2", "tolerance": 1e-1, "substeps": n} for n in (1, 2, 4)],
-    ),
-    "coarse bilinear": (lambda job, **o: _miniature("similar", job, upscaler="bilinear", **o), ALL_FACTORS),
-    "coarse biquadratic": (lambda job, **o: _miniature("similar", job, upscaler="biquadratic", **o), ALL_FACTORS),
-    "miniature seed": (lambda job, **o: _miniature("seed", job, **o), FACTORS),
-    "miniature similar": (lambda job, **o: _miniature("similar", job, **o), ALL_FACTORS),
-    "miniature calibrated": (lambda job, **o: _miniature("calibrated", job, **o), FACTORS),
-    "calibrated ridge": (lambda job, **o: _miniature("calibrated", job, upscaler="ridge", **o), FACTORS),
-    "calibrated local": (lambda job, **o: _miniature("calibrated", job, upscaler="local", **o), FACTORS),
-    "miniature closure": (lambda job, **o: _miniature("closure", job, **o), FACTORS),
-    "closure local": (lambda job, **o: _miniature("closure", job, upscaler="local", **o), FACTORS),
-    "closure learned": (
-        lambda job, **o: _miniature("closure", job, correction="learned", **o),
-        ({"factor": 2}, {"factor": 4}),
-    ),
-    "cnn": (lambda job, **o: make_backend("cnn", job.scene, num_envs=job.num_envs, backend_kwargs=o), ({},)),
-    "similar + offset": (lambda job, **o: _offset("similar", job, **o), FACTORS),
-    "calibrated + offset": (lambda job, **o: _offset("calibrated", job, **o), FACTORS),
-    "repeat last frame": (lambda job: Extrapolation(job.scene, moving=False), ({},)),
-    "constant velocity": (lambda job: Extrapolation(job.scene, moving=True), ({},)),
-    ORACLE: (
-        lambda job, **o: Oracle(job.scene, job.truth, **o),
-        [{**f, "upscaler": u} for u in INTERPOLATIONS for f in ALL_FACTORS],
-    ),
-}
-THREADED = ("explicit", "admm", "miniature similar")  # families that are timed in batches too
-
-
-@dataclass(frozen=True)
-class Method:
-    """One point of a family's sweep."""
+    Attributes:
+        family: the curve that it is a point of.
+        backend: its name, or ``"module:factory"``.
+        options: what tells it from others of its family.
+        fixed: options that the whole family has.
+        name: what a chart with a line a participant calls it, if not by family and options.
+        coarse: it runs on grids so many times coarser, where it is too slow for the scene's.
+    """
 
     family: str
-    options: Mapping[str, Any] = field(default_factory=dict)
+    backend: str = "reference"
+    options: Options = field(default_factory=dict)
+    fixed: Options = field(default_factory=dict)
+    name: str = ""
+    coarse: int = 1
 
     @property
     def text(self) -> str:
-        """The options as JSON, for a row."""
+        """``options`` as JSON, for a row."""
         return json.dumps(dict(self.options))
 
-    def build(self, job: Job) -> Any:
-        """An object with ``reset(state)`` and ``advance(controls)``, or the words with which it was refused."""
-        try:
-            return FAMILIES[self.family][0](job, **self.options)
-        except (ValueError, ImportError) as error:
-            return f"refused: {error}"
+    @property
+    def whole(self) -> dict[str, Any]:
+        """Everything that ``backend`` is given, the grid's factor first: rows on disk are known by this order."""
+        first = {"factor": self.options["factor"]} if "factor" in self.options else {}
+        return {**first, **self.fixed, **self.options}
+
+    @property
+    def label(self) -> str:
+        """``name``, or family and options in a line."""
+        return self.name or label(self.family, self.text)
+
+    def build(self, scene: Scene, num_envs: int = 1, threads: int = 1, *, truth: Sequence[State] = ()) -> Backend:
+        """Its backend; one that asks for ``truth`` is given that of every frame.
+
+        Raises:
+            ValueError: it refuses the scene, its material or an option.
+            ImportError: a package that it needs is missing.
+        """
+        known = keywords(load_backend(self.backend))
+        given: dict[str, Any] = {"truth": truth} if "truth" in known else {}
+        if threads > 1 and "threads" in known:
+            given["threads"] = threads
+        return make_backend(self.backend, scene, num_envs=num_envs, backend_kwargs=self.whole | given)
 
 
 def label(family: str, options: str) -> str:
@@ -185,13 +75,135 @@ def label(family: str, options: str) -> str:
     return " ".join(words)
 
 
-NO_PHYSICS = (Extrapolation, Oracle)  # an edge too long is no failure of these
+def _solver(family: str, *sweep: Options, **fixed: Any) -> list[Participant]:
+    return [Participant(family, "reference", o, {"solver": family.split()[0], **fixed}) for o in sweep or ({},)]
 
 
-def choose(families: Sequence[str] | None = None, *, quick: bool = False) -> list[Method]:
-    """All methods of ``families`` (default: all); ``quick`` takes the ends of every sweep."""
-    out = []
-    for name, (_, sweep) in FAMILIES.items():
-        if families is None or name in families:
-            out += [Method(name, o) for o in (sweep[:: max(1, len(sweep) - 1)] if quick else sweep)]
-    return out
+def _miniature(family: str, *factors: float, **fixed: Any) -> list[Participant]:
+    """Of grids ``factors`` times coarser; 1.5 is for measuring only."""
+    upscaler = fixed.get("upscaler", "bicubic")
+    return [
+        Participant(family, "miniature", {"factor": n}, fixed)
+        if n != 1.5
+        else Participant(family, f"{__package__}.baselines:fractional", {"factor": n}, {"upscaler": upscaler})
+        for n in factors or (2, 3, 4)
+    ]
+
+
+def _baseline(family: str, factory: str, *sweep: Options, **fixed: Any) -> list[Participant]:
+    return [Participant(family, f"{__package__}.baselines:{factory}", o, fixed) for o in sweep or ({},)]
+
+
+ALL, FACTORS = (1.5, 2, 3, 4), [{"factor": n} for n in (2, 3, 4)]
+ORACLE, FLOOR = "oracle coarse", "chaos floor"
+# Add a method by a line.
+FAMILIES: dict[str, list[Participant]] = {
+    sweep[0].family: sweep
+    for sweep in (
+        _solver("explicit", {}, {"refine": 2}, {"refine": 4}),
+        _solver("admm", *({"iterations": n} for n in (1, 3, 10, 30, 100))),
+        _solver("admm substeps", *({"iterations": 10, "substeps": n} for n in (2, 4, 8, 16))),
+        _solver("implicit", {"tolerance": 1e-1}, {"tolerance": 1e-2}),
+        _solver("implicit substeps", *({"scheme": "sdirk2", "tolerance": 1e-1, "substeps": n} for n in (1, 2, 4))),
+        _miniature("coarse bilinear", *ALL, scaling="similar", upscaler="bilinear"),
+        _miniature("coarse biquadratic", *ALL, scaling="similar", upscaler="biquadratic"),
+        _miniature("miniature seed", scaling="seed"),
+        _miniature("miniature similar", *ALL, scaling="similar"),
+        _miniature("miniature calibrated", scaling="calibrated"),
+        _miniature("calibrated ridge", scaling="calibrated", upscaler="ridge"),
+        _miniature("calibrated local", scaling="calibrated", upscaler="local"),
+        _miniature("miniature closure", scaling="closure"),
+        _miniature("closure local", scaling="closure", upscaler="local"),
+        _miniature("closure learned", 2, 4, scaling="closure", correction="learned"),
+        [Participant("cnn", "cnn")],
+        _baseline("similar + offset", "Offset", *FACTORS, scaling="similar"),
+        _baseline("calibrated + offset", "Offset", *FACTORS, scaling="calibrated"),
+        _baseline("repeat last frame", "Extrapolation"),
+        _baseline("constant velocity", "Extrapolation", moving=True),
+        _baseline(ORACLE, "Oracle", *({"factor": n, "upscaler": u} for u in INTERPOLATIONS for n in ALL)),
+    )
+}
+NO_PHYSICS = ("repeat last frame", "constant velocity", ORACLE)  # an edge too long is no failure of these
+THREADED = ("explicit", "admm", "miniature similar")  # families that are timed in batches too
+
+
+def truth(name: str, family: str = FLOOR) -> Participant:
+    """What makes the truth ``name`` of ``TRUTHS``; from a nudged start its distance from it is the chaos floor."""
+    return Participant(family, "reference", {}, {"solver": "explicit", **TRUTHS[name]})
+
+
+def _one(family: str, name: str = "", coarse: int = 1, **options: Any) -> Participant:
+    """A setting of a family that its sweep need not have."""
+    return replace(FAMILIES[family][-1], options=options, name=name, coarse=coarse)
+
+
+STABILITY = [
+    _one("explicit", "explicit"),
+    _one("admm", "P-ADMM, 10 it.", iterations=10),
+    _one("implicit", "implicit, 1/4 grid", 4, max_iterations=100),
+    _one("miniature similar", "mini \u00d72 similar", factor=2),
+    _one("miniature calibrated", "mini \u00d72 calibrated", factor=2),
+    _one("miniature similar", "mini \u00d74 similar", factor=4),
+    _one("miniature calibrated", "mini \u00d74 calibrated", factor=4),
+    _one("closure local", "mini \u00d72 closure, local", factor=2),
+    _one("closure local", "mini \u00d74 closure, local", factor=4),
+    _one("closure local", "mini \u00d74 guarded", factor=4, guard=True),
+    _one("closure learned", "mini \u00d74 learned", factor=4),
+    _one("cnn", "cnn"),
+]
+# Every way in which a solver is refined, to the same limit.
+CONVERGENCE = [
+    *_solver("explicit", *({"refine": n, "dtype": "float64"} for n in (1, 2, 4))),
+    *_solver(
+        "admm",
+        *(
+            {"iterations": i, "substeps": n, "dtype": "float64"}
+            for n in (1, 4, 16, 64, 256)
+            for i in (10, 30, 100, 300, 1000)
+            if i * n <= 8000
+        ),
+    ),
+    *_solver(
+        "implicit",
+        *(
+            {"scheme": scheme, "tolerance": 1e-2, "substeps": n, "dtype": "float64"}
+            for scheme in ("euler", "sdirk2")
+            for n in (1, 2, 4, 8, 16, 32)
+        ),
+        *({"scheme": "sdirk2", "tolerance": t, "substeps": 4, "dtype": "float64"} for t in (100.0, 10.0, 1.0, 0.1)),
+    ),
+]
+MESH = [
+    _one("explicit", dtype="float64", refine=4),  # truth G1: of its error only the mesh is left
+    # Stands for wrinkles that the mesh can't hold.
+    *_baseline("changed material", "changed", {"compression": 0.1}),
+    _one("miniature similar", factor=2),
+    _one("closure local", factor=2),
+    _one("closure local", factor=4),
+]
+# What policies are trained on; the first is what they are scored on.
+TRANSFER = [
+    _one("explicit", "reference"),
+    *(
+        _one(f"miniature {scaling}", f"{scaling} x{n}", factor=n)
+        for scaling in ("similar", "calibrated", "closure")
+        for n in (2, 4)
+    ),
+    _one("closure local", "closure local x4", factor=4),
+    _one("closure local", "closure local x4 longer", factor=4),
+]
+
+
+def extra(texts: Sequence[str]) -> list[Participant]:
+    """Those that ``--backend NAME[=JSON]`` or ``module:Class[=JSON]`` named, each a family of its own.
+
+    Raises:
+        ValueError: options that are no JSON object.
+    """
+    return [Participant(name, name, options) for name, options in map(parse_backend, texts)]
+
+
+def swept(families: Sequence[str] | None = None, *, quick: bool = False) -> list[Participant]:
+    """All of ``families`` (default: all); ``quick`` takes the ends of every sweep."""
+    chosen = [FAMILIES[name] for name in FAMILIES if families is None or name in families]
+    return [p for sweep in chosen for p in (sweep[:: max(1, len(sweep) - 1)] if quick else sweep)]

@@ -1,6 +1,6 @@
-"""Every metric of design/benchmark.md on any two trajectories: states in memory, or two recorded rollouts.
+"""Every metric on any two trajectories: states in memory, or two recorded rollouts.
 
-The functions themselves are in ``metrics_errors``, ``metrics_detail`` and ``metrics_contact``; here they are put
+The functions themselves are in ``errors``, ``detail`` and ``contact``; here they are put
 together. Speed is measured in ``training.bench``.
 """
 
@@ -23,7 +23,7 @@ def at_frame(
     """What one frame tells, each ``(B,)``.
 
     Args:
-        span: of the truth's displacements [m], for PSNR (``metrics_errors.displacement_span``).
+        span: of the truth's displacements [m], for PSNR (``errors.displacement_span``).
         factor: of the coarse grid whose Nyquist wave bounds ``detail_ratio``.
     """
     grid, x, y = scene.grid, state.positions, truth.positions

@@ -1,6 +1,6 @@
 """How far a cloth is from the truth. Positions are ``(..., 3, H, W)`` [m]; results keep the leading axes.
 
-Definitions are those of design/benchmark.md; PSNR and VMSE follow Chen et al. 2020, ``largest`` Zhao 2024.
+PSNR and VMSE follow Chen et al. 2020, ``largest`` Zhao 2024.
 """
 
 from __future__ import annotations
@@ -41,11 +41,6 @@ def relative_l2(positions: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """``|x - y| / |y - mean(y)|``: the truth is measured from its centroid, so the origin does not matter."""
     size = np.sqrt(((truth - truth.mean(PLACES, dtype=np.float64, keepdims=True)) ** 2).sum((-3, *PLACES)))
     return np.sqrt(vmse(positions, truth) * np.prod(truth.shape[-2:])) / size
-
-
-def skill(error: np.ndarray | float, baseline: np.ndarray | float) -> np.ndarray:
-    """``1 - error / baseline``: 1 is exact, 0 no better than the baseline (coarse physics and bicubic upscaling)."""
-    return 1 - np.divide(error, baseline)
 
 
 def vmse(positions: np.ndarray, truth: np.ndarray) -> np.ndarray:

@@ -1,160 +1,139 @@
-"""Convergence: every solver refined in every way it has, against one limit, over a window shorter than chaos."""
+"""``minicloth bench convergence``: how solvers approach one limit, and how far nudged truths part (chaos).
+
+Windows of 5 frames are shorter than chaos; every solver is refined in every way that it has. Rows that are in --out
+already are kept; --fresh measures again.
+"""
 
 from __future__ import annotations
 
-import json
+import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from training.bench.configurations import Config, label
-from training.bench.convergence.chaos import NUDGE, nudged
-from training.bench.cost import build, milliseconds, substeps_of
-from training.bench.truth import Case, length, load, replay, vertex_error
-from training.rows import Store
+from cloth_envs.physics.truth import TRUTHS
+from cloth_envs.state import State
+from training.bench.benchmark import Benchmark, Part, RowFile, Session
+from training.bench.convergence.rows import (
+    CHAOS_KEY,
+    CONVERGENCE_KEY,
+    ChaosRow,
+    ConvergenceRow,
+    chaos_table,
+    convergence_table,
+)
+from training.bench.measure import built, run, vertex_error
+from training.bench.participants import CONVERGENCE, FLOOR, Participant, extra, truth
+from training.rollouts import NUDGE, nudge
+from training.rows import Store, read_names
+from training.truth import Case, Truth, load
 
-LIMIT = 64  # the limit's substeps are the stable step over this
-FRAMES = 5
+LIMIT, CHAOS = "limit", "g1"  # truths: that all solvers approach, and that is nudged
+FRAMES = 5  # of a window
 START = 1.0  # s of the episode
 COARSE = 2  # grids of half the resolution: the limit in the step does not ask for a fine one
 SLOW = 1.0  # s of the processor for a frame; slower ones are left out and say so
-FLOOR = "chaos floor"
+AFTER = (1, 5, 10, 25, 50)  # frames at which the nudge is looked at
+SEEDS, CHAOS_SEEDS = 1, 5
+CONVERGED, FLOORS = "convergence", "chaos_floor"
+NUDGED = replace(truth(LIMIT), options=TRUTHS[LIMIT])
 
 
-@dataclass(frozen=True)
-class Point:
-    """``error``: mean distance of the vertices from the limit after ``frames``, over the cloth's longer side."""
-
-    scene: str
-    rows: int
-    cols: int
-    solver: str
-    options: str
-    seed: int
-    frames: int
-    truth: str
-    step_ms: float
-    ms: float
-    error: float
-    failure: str
-
-
-KEY = ("scene", "solver", "options", "seed", "truth")
-
-
-def run(store: Store[Point], cases: Sequence[Case], configs: Sequence[Config], cache: Path) -> None:
+def converge(
+    store: Store[ConvergenceRow], cases: Sequence[Case], participants: Sequence[Participant], cache: Path
+) -> None:
     """Measure what ``store`` lacks, and the chaos floor of the same windows."""
-    with tqdm(total=len(cases) * (len(configs) + 1), desc="convergence", disable=None) as bar:
-        for given in cases:
-            case = replace(given, refine=LIMIT)
-            begin = round(START / case.world().scene.frame_dt)
-            truth = load(case, begin + FRAMES, [begin, begin + FRAMES], cache)
-            scene, controls = truth.scene, truth.controls[begin:]
-            nudge = nudged(truth.states[begin], scene.handles, NUDGE * length(scene), np.random.default_rng(case.seed))
-            limit = Config("explicit", {"dtype": "float64", "refine": LIMIT})
-            for name, config, start in [
-                (FLOOR, limit, nudge),
-                *((config.solver, config, truth.states[begin]) for config in configs),
-            ]:
-                bar.set_postfix_str(f"{case.scene} {label(name, config.text)}")
-                bar.update()
-                if (case.scene, name, config.text, case.seed, truth.key) in store:
-                    continue
-                backend, error, ms = build(config, scene), np.nan, np.nan
-                failure = backend if isinstance(backend, str) else ""
-                if not isinstance(backend, str):
-                    frames = []
-                    for frame in replay(backend, start, controls):
-                        frames.append(frame)
-                        if frame[1].cpu > SLOW:
-                            break
-                    ms = milliseconds([seconds.cpu for _, seconds in frames])
-                    if len(frames) < FRAMES:
-                        failure = f"left out: {frames[-1][1].cpu:.1f} s a frame"
-                    else:
-                        error = vertex_error(scene, frames[-1][0], truth.states[begin + FRAMES])
-                        failure = "" if np.isfinite(error) else "non-finite"
-                store.add(
-                    Point(
-                        case.scene,
-                        *scene.grid.shape,
-                        name,
-                        config.text,
-                        case.seed,
-                        FRAMES,
-                        truth.key,
-                        1e3 * scene.frame_dt / max(substeps_of(config, backend), 1),
-                        ms,
-                        error,
-                        failure,
-                    )
-                )
+    for case in cases:
+        begin = round(START / case.world().scene.frame_dt)
+        limit = load(case, begin + FRAMES, [begin, begin + FRAMES], cache)
+        bar = tqdm([NUDGED, *participants], desc=f"{case.scene}, convergence", disable=None)
+        for participant in bar:
+            bar.set_postfix_str(participant.label)
+            if (case.scene, participant.family, participant.text, case.seed, limit.key) not in store:
+                store.add(_converged(participant, case, limit, begin))
 
 
-@dataclass(frozen=True)
-class Ladder:
-    """Errors along one option, the others fixed.
+def _converged(participant: Participant, case: Case, limit: Truth, begin: int) -> ConvergenceRow:
+    scene, start = limit.scene, limit.states[begin]
+    if participant.family == FLOOR:
+        start = nudge(start, scene, case.seed)
+    backend, error = built(participant, scene), np.nan
+    found = run(backend, scene, start, limit.controls[begin:], slow=SLOW)
+    failure, done = (backend if isinstance(backend, str) else ""), len(found.seconds)
+    if done == FRAMES:
+        error = vertex_error(scene, found.states[-1], limit.states[begin + FRAMES])
+        failure = "" if np.isfinite(error) else "non-finite"
+    elif done:
+        failure = f"left out: {found.seconds[-1].cpu:.1f} s a frame"
+    return ConvergenceRow(
+        case.scene, *scene.grid.shape, participant.family, participant.text, case.seed, FRAMES, limit.key,
+        1e3 * scene.frame_dt / max(_substeps(participant, backend), 1), found.ms, error, failure,
+    )  # fmt: skip
 
-    ``order`` is the slope of the errors' logarithms over the last three rungs; NaN along iterations and tolerances,
-    where what the step leaves is what remains.
-    """
 
-    scene: str
-    solver: str
-    option: str
-    others: str
-    values: tuple[float, ...]
-    errors: tuple[float, ...]
-    order: float
+def _substeps(participant: Participant, backend: Any) -> int:
+    """Per frame; 0 of a solver that refused."""
+    if isinstance(backend, str):
+        return 0
+    own: Any = getattr(backend, "substeps", participant.options.get("substeps", 1))
+    return int(np.max(own))
 
 
-def ladders(points: Sequence[Point]) -> list[Ladder]:
-    """All options that take three values or more while the others stay; errors are means over the seeds."""
-    out = []
-    for scene, solver in dict.fromkeys((p.scene, p.solver) for p in points if p.solver != FLOOR):
-        mine = [p for p in points if (p.scene, p.solver) == (scene, solver)]
-        errors = {o: float(np.mean([p.error for p in mine if p.options == o])) for o in {p.options for p in mine}}
-        groups: dict[tuple[str, str], dict[float, float]] = {}
-        for options, error in errors.items():
-            parsed: dict[str, Any] = json.loads(options)
-            for name, value in parsed.items():
-                if not isinstance(value, str) and np.isfinite(error):
-                    others = json.dumps({k: v for k, v in parsed.items() if k != name})
-                    groups.setdefault((name, others), {})[float(value)] = error
-        for (name, others), found in sorted(groups.items()):
-            values = sorted(found, reverse=name == "tolerance")
-            if len(values) >= 3:
-                rung = [found[v] for v in values]
-                fits = name in ("refine", "substeps") and np.isfinite(rung[-3:]).all()
-                order = -float(np.polyfit(np.log(values[-3:]), np.log(rung[-3:]), 1)[0]) if fits else np.nan
-                out.append(Ladder(scene, solver, name, others, tuple(values), tuple(rung), order))
+def chaos(case: Case, after: Sequence[int] = AFTER) -> list[ChaosRow]:
+    """One seed: the truth and its nudged copy under the truth's controls."""
+    settle = round(START / case.world().scene.frame_dt)
+    true = case.record(settle + max(after), [settle, *(settle + f for f in after)])
+    scene, states, out = true.scene, true.states, []
+    start = nudge(states[settle], scene, case.seed)
+    other = run(built(truth(case.truth), scene), scene, start, true.controls[settle:]).states
+    for frame in after:
+        now = states[settle + frame]
+        error = vertex_error(scene, other[frame], now)
+        height = abs(_height(other[frame], scene.grid.areas) - _height(now, scene.grid.areas)) / scene.grid.length
+        seconds, metres = frame * scene.frame_dt, error * scene.grid.length
+        out.append(ChaosRow(case.scene, *scene.grid.shape, case.seed, frame, seconds, error, metres, height))
     return out
 
 
-def table(points: Sequence[Point]) -> str:
-    """Ladders and, for each scene, how near every solver comes to the limit."""
-    lines = []
-    found = ladders(points)
-    for scene in dict.fromkeys(p.scene for p in points):
-        mine = [p for p in points if p.scene == scene]
-        floor = np.mean([p.error for p in mine if p.solver == FLOOR])
-        shape = f"{mine[0].rows} x {mine[0].cols}"
-        lines.append(f"\n{scene}, {shape}, error after {mine[0].frames} frames [%]; chaos floor {100 * floor:.1g}")
-        for ladder in (x for x in found if x.scene == scene):
-            values = "  ".join(f"{v:g}: {100 * e:.2g}" for v, e in zip(ladder.values, ladder.errors, strict=True))
-            order = f"   order {ladder.order:.2f}" if np.isfinite(ladder.order) else ""
-            lines.append(f"  {label(ladder.solver, ladder.others):50s} {ladder.option:10s} {values}{order}")
-        for solver in dict.fromkeys(p.solver for p in mine if p.solver != FLOOR):
-            best = min(
-                (p for p in mine if p.solver == solver and np.isfinite(p.error)), key=lambda p: p.error, default=None
-            )
-            lines += [f"  {label(solver, p.options)}: {p.failure}" for p in mine if p.solver == solver and p.failure]
-            if best:
-                lines.append(
-                    f"  nearest: {label(solver, best.options)}, {100 * best.error:.2g} % (step {best.step_ms:.3g} ms)"
-                )
-    return "\n".join(lines)
+def _height(state: State, areas: np.ndarray) -> float:
+    """Of the first cloth's centre of mass [m]."""
+    return float(np.average(state.positions[0, 2].astype(np.float64), weights=areas))
+
+
+def measure(session: Session) -> None:
+    """Both, scene by scene."""
+    quick, given = session.quick, session.given
+    coarse, after = (4, AFTER[:3]) if quick else (1, AFTER)
+    families = list(dict.fromkeys(p.family for p in CONVERGENCE))
+    chosen = families if given.families is None else read_names(given.families, families, "family")
+    participants = [*(p for p in CONVERGENCE if p.family in chosen), *extra(given.backend)]
+    session.about |= {"threads": 1, "limit": str(truth(LIMIT).fixed), "nudge": NUDGE, "nudged": str(truth(CHAOS).fixed)}
+    floors = session.store(FLOORS)
+    for scene in session.scenes:
+        for case in [Case(scene, seed, coarse, CHAOS) for seed in range(2 if quick else CHAOS_SEEDS)]:
+            shape = case.world().scene.grid.shape
+            if not all((scene, *shape, case.seed, frame) in floors for frame in after):
+                floors.add(*chaos(case, after))
+    cases = [Case(scene, seed, COARSE * coarse, LIMIT) for scene in session.scenes for seed in range(SEEDS)]
+    converge(session.store(CONVERGED), cases[:2] if quick else cases, participants, session.cache("truth"))
+
+
+def _options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--families", help="some of the solvers; default: all")
+
+
+BENCHMARK = Benchmark(
+    name="convergence",
+    about="How solvers approach one limit as they are refined, and how far nudged truths part.",
+    files={CONVERGED: RowFile(ConvergenceRow, CONVERGENCE_KEY), FLOORS: RowFile(ChaosRow, CHAOS_KEY)},
+    parts=[
+        Part("Convergence", (CONVERGED,), convergence_table),
+        Part(f"Chaos floor: truth against itself nudged by {NUDGE:g} of the length [%]", (FLOORS,), chaos_table),
+    ],
+    measure=measure,
+    options=_options,
+)

@@ -1,4 +1,4 @@
-"""``minicloth bench tables --cell``: table 2 of Zhao 2024 (seed 002), and what the cell is and is not good for.
+"""Table 2 of Zhao 2024, the physics-embedded CNN, and what its cell is and is not good for.
 
 Errors are max |dx| over steps, particles and axes in % of the 1 m cloth, against our simulator in float64 with the
 author's settings, over the whole animation of 4,811 steps. Two animations are chaotic: there the error is the same for
@@ -8,24 +8,20 @@ one thread, in one run, in turns.
 
 from __future__ import annotations
 
-import argparse
-import json
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
-from time import process_time
+from dataclasses import replace
 
 import numpy as np
 
-from cloth_envs.machine import header
 from cloth_envs.physics.laws.particles import cell_forces
 from cloth_envs.physics.particles.solver import NEIGHBOURS, ParticleSolver, net_of
-from surrogates.cell.backend import CellNet, TorchNet, dimensional
+from surrogates.cell.compiled import CellNet, dimensional
+from surrogates.cell.engine import TorchNet
 from surrogates.checkpoint import load
-from training.bench.throughput.run import write_rows
-from training.physics_cnn_data import CASES, STEPS, case
-from training.physics_cnn_fit import least_squares, rows
-from training.physics_cnn_score import NUDGE, Run, errors
+from training.bench.papers.rows import CellCheckRow, CellRow, CellSpeedRow
+from training.cell.data import CASES, case
+from training.cell.score import NUDGE, Run, errors
+from training.cell.solve import least_squares, rows
+from training.rollouts import replay
 from training.rows import Store
 
 CELLS = ("cnn_particles_least_squares", "cnn_particles", "cnn_particles_fall", "cnn_particles_blow")
@@ -37,42 +33,6 @@ PAPER = {
 }
 PAPER_SPEED = {"cell, torch": 232.0, "simulator": 201.0}  # steps/s: network on a GPU, simulator on a CPU
 SIDEWAYS = 0.01  # of gravity, the bias whose effect is shown
-
-
-@dataclass(frozen=True)
-class Row:
-    """One run of an animation; errors in % of a metre."""
-
-    scene: str
-    run: str
-    dtype: str
-    steps: int
-    until_quarter_second: float
-    until_half_second: float
-    whole: float
-    mean_at_end: float
-    paper: float
-
-
-@dataclass(frozen=True)
-class Speed:
-    """Steps per second of 128 x 128 particles, and over the simulator's."""
-
-    engine: str
-    dtype: str
-    median: float
-    best: float
-    over_simulator: float
-    paper: float
-
-
-@dataclass(frozen=True)
-class Check:
-    """A number that a claim rests on."""
-
-    name: str
-    scene: str
-    value: float
 
 
 def wanted() -> dict[str, Run]:
@@ -88,7 +48,7 @@ def wanted() -> dict[str, Run]:
     }
 
 
-def score(store: Store[Row], steps: int) -> None:
+def score(store: Store[CellRow], steps: int) -> None:
     """The rows that ``store`` lacks, an animation at a time."""
     for scene in CASES:
         runs = {name: run for name, run in wanted().items() if (scene, name, steps) not in store}
@@ -96,13 +56,13 @@ def score(store: Store[Row], steps: int) -> None:
             found = errors(scene, runs, steps)
             store.add(
                 *(
-                    Row(scene, name, run.dtype, steps, *found[name], paper=PAPER.get((name, scene), np.nan))
+                    CellRow(scene, name, run.dtype, steps, *found[name], paper=PAPER.get((name, scene), np.nan))
                     for name, run in runs.items()
                 )
             )
 
 
-def speeds(frames: int) -> list[Speed]:
+def speeds(frames: int) -> list[CellSpeedRow]:
     """Everything that steps the paper's "blow", one after the other, several times round; time of the processor."""
     import torch
 
@@ -116,22 +76,18 @@ def speeds(frames: int) -> list[Speed]:
         solvers["cell, compiled", dtype] = CellNet(scene, cell, dtype=dtype)
         solvers["cell, torch", dtype] = TorchNet(scene, cell, dtype=dtype)
     times: dict[tuple[str, str], list[float]] = {key: [] for key in solvers}
-    for solver in solvers.values():
-        solver.reset(given.start)
-        solver.advance(given.controls)
-    for _ in range(frames):
+    for _ in range(frames + 1):  # the first warms up
         for key, solver in solvers.items():
-            solver.advance(given.controls)  # what ran before has left its data in the caches
-            start = process_time()
-            solver.advance(given.controls)
-            times[key].append(16 / (process_time() - start))
-    middle = {key: float(np.median(values)) for key, values in times.items()}
+            # The first frame of a pair fills the caches, which hold what ran before.
+            _, (_, taken) = replay(solver, given.start, [given.controls] * 2)
+            times[key].append(16 / taken.cpu)
+    middle = {key: float(np.median(values[1:])) for key, values in times.items()}
     return [
-        Speed(
+        CellSpeedRow(
             engine,
             dtype,
             middle[engine, dtype],
-            max(times[engine, dtype]),
+            max(times[engine, dtype][1:]),
             middle[engine, dtype] / middle["simulator", dtype],
             PAPER_SPEED.get(engine, np.nan) if dtype == "float32" else np.nan,
         )
@@ -146,7 +102,7 @@ def inflation(block: np.ndarray, ties: np.ndarray) -> float:
     return float(np.linalg.inv(tied @ tied.T / tied.shape[1])[-3, -3])
 
 
-def checks(states: int) -> list[Check]:
+def checks(states: int) -> list[CellCheckRow]:
     """The component-wise ISRU, how well a sideways bias can be told from uneven weights, momentum and turns."""
     found, count = [], len(NEIGHBOURS)
     pairs = np.zeros((3 * count + 3, 3 * count // 2 + 3))
@@ -158,16 +114,16 @@ def checks(states: int) -> list[Check]:
             fit = least_squares((block, target))
             off = np.linalg.norm(fit.numbers @ block - target) / np.linalg.norm(target)
             kind = "vector" if vector else "component-wise"
-            found.append(Check(f"relative force error, best fit with {kind} ISRU", names[0], float(off)))
+            found.append(CellCheckRow(f"relative force error, best fit with {kind} ISRU", names[0], float(off)))
             if vector:
-                found.append(Check("seconds of the closed form", names[0], fit.seconds))
+                found.append(CellCheckRow("seconds of the closed form", names[0], fit.seconds))
                 for text, ties in (("12", np.eye(len(block))), ("6 shared", pairs)):
                     name = f"variance inflation of the sideways bias, {text} weights a branch"
-                    found.append(Check(name, names[0], inflation(block, ties)))
+                    found.append(CellCheckRow(name, names[0], inflation(block, ties)))
     return found + laws()
 
 
-def laws() -> list[Check]:
+def laws() -> list[CellCheckRow]:
     """What a free crumpled net keeps of its momentum, and how its forces turn with it, of every shipped cell."""
     scene, rng = case("fall").scene, np.random.default_rng(0)
     x = case("fall").start.positions + 0.15 * scene.grid.row_spacing * rng.normal(size=(1, 3, *scene.grid.shape))
@@ -179,46 +135,8 @@ def laws() -> list[Check]:
         turned = cell_forces(cell, *(np.einsum("ij,bjhw->bihw", turn, a) for a in (x, v)))
         gap = turned - np.einsum("ij,bjhw->bihw", turn, force)
         lost = abs(force.sum((0, 2, 3))).max() / abs(force).sum()
-        found.append(Check("sum of forces over sum of their sizes", name, float(lost)))
-        found.append(Check("error of turned forces over the largest", name, float(abs(gap).max() / abs(force).max())))
+        found.append(CellCheckRow("sum of forces over sum of their sizes", name, float(lost)))
+        found.append(
+            CellCheckRow("error of turned forces over the largest", name, float(abs(gap).max() / abs(force).max()))
+        )
     return found
-
-
-def text(found: list[Row], fast: list[Speed], small: list[Check]) -> str:
-    """The tables for people."""
-    lines = [f"{'max |dx|, % of 1 m':42s}{'0.25 s':>10s}{'0.5 s':>10s}{'whole':>10s}{'mean':>10s}{'paper':>8s}"]
-    for r in found:
-        numbers = (r.until_quarter_second, r.until_half_second, r.whole, r.mean_at_end)
-        lines.append(f"{r.scene:5s} {r.run:36s}" + "".join(f"{n:10.2e}" for n in numbers) + f"{r.paper:8.3f}")
-    lines.append(f"\n{'steps/s':24s}{'median':>9s}{'best':>9s}{'x simulator':>13s}{'paper':>8s}")
-    lines += [
-        f"{s.engine:16s}{s.dtype:8s}{s.median:9.0f}{s.best:9.0f}{s.over_simulator:13.2f}{s.paper:8.0f}" for s in fast
-    ]
-    return "\n".join([*lines, "", *(f"{c.name}, {c.scene}: {c.value:.3g}" for c in small)])
-
-
-def table_2(steps: int = STEPS, frames: int = 20, path: Path | None = None) -> tuple[list[Row], list[Speed]]:
-    """Table 2 of seed 002: errors and speeds; ``path`` keeps the rows of errors."""
-    store = Store(path, Row, ("scene", "run", "steps"))
-    score(store, steps)
-    return [row for row in store.rows if row.steps == steps], speeds(frames)
-
-
-def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="minicloth bench tables --cell", description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="a tenth of the animations; says that it is quick")
-    parser.add_argument("--out", type=Path, help="folder for cnn*.csv and cnn.json; rows in it are kept")
-    options = parser.parse_args(argv)
-    out: Path | None = options.out
-    if out:
-        out.mkdir(parents=True, exist_ok=True)
-    found, fast = table_2(STEPS // 10 if options.quick else STEPS, 5 if options.quick else 20, out and out / "cnn.csv")
-    small = checks(3 if options.quick else 10)
-    print(text(found, fast, small) + ("\n(quick)" if options.quick else ""))
-    if out:
-        write_rows(out / "cnn_speed.csv", fast)
-        write_rows(out / "cnn_checks.csv", small)
-        cards: Mapping[str, object] = {name: load(name).card for name in CELLS}
-        about = {**header(), "quick": options.quick, "threads": 1, "cards": cards}
-        (out / "cnn.json").write_text(json.dumps(about, indent=2) + "\n")
-    return 0

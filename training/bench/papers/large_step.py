@@ -1,4 +1,4 @@
-"""``python -m training.bench.papers.large_step``: can K unrolled cells take one step R times the explicit one?
+"""Can K unrolled cells take one step R times the explicit one?
 
 **A bound.** Around any state, K cells are a polynomial of degree K in the stiffness ``A``: positions obey
 ``x_{n+1} - 2 B(H^2 A) x_n + C x_{n-1} = 0``, and a step that is stable has ``|B| <= 1`` on the whole spectrum
@@ -13,49 +13,24 @@ length after restarts from truth on held-out seeds; times are of the processor.
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.optimize import linprog
 
 from cloth_envs.backend import Backend
-from cloth_envs.machine import header
 from cloth_envs.physics.solver import reference
 from cloth_envs.registry import make_backend
 from cloth_envs.scene import Scene
-from training.bench.throughput.run import write_rows
-from training.bench.truth import Case, cache_folder, load, replay, vertex_error
-from training.rows import read_names
+from training.bench.measure import run, vertex_error
+from training.bench.papers.rows import GrowthRow, LargeStepRow
+from training.truth import Case, load
 
 SCENES = ("Hanging", "Flag", "Curtain")
 SEEDS, START, HORIZON = (200, 201, 202), 25, 10
 SOFTER = (4, 16)  # (R / K)^2
-
-
-@dataclass(frozen=True)
-class Growth:
-    """The least growth of the worst mode in one step ``ratio`` times the explicit one by ``cells`` cells."""
-
-    ratio: float
-    cells: int
-    growth: float
-
-
-@dataclass(frozen=True)
-class Row:
-    """A method on a scene: medians over seeds of errors [%] and of the time of a frame [ms]."""
-
-    scene: str
-    method: str
-    ms: float
-    error_1: float
-    error_5: float
-    error_10: float
+RATIOS, CELLS = (1.0, 2.0, 4.0, 8.0), (1, 2, 3, 4, 8)
 
 
 def growth(ratio: float, cells: int) -> float:
@@ -75,6 +50,11 @@ def growth(ratio: float, cells: int) -> float:
     solved = linprog(cost, bound, np.zeros(len(bound)), equal, [1.0, -0.5], bounds=(None, None))
     largest = max(1.0, float(solved.fun))
     return largest + np.sqrt(max(0.0, largest**2 - 1 - 1e-9))
+
+
+def bounds() -> list[GrowthRow]:
+    """The least growth for every ratio and number of cells."""
+    return [GrowthRow(ratio, cells, growth(ratio, cells)) for ratio in RATIOS for cells in CELLS]
 
 
 def soft(scene: Scene, times: float) -> Backend:
@@ -99,48 +79,16 @@ def methods(scene: Scene) -> dict[str, Backend]:
     }
 
 
-def measure(name: str, seeds: Sequence[int]) -> list[Row]:
-    """Every method on the scene ``name``."""
+def compare(scene: str, seeds: Sequence[int], cache: Path) -> list[LargeStepRow]:
+    """Every method on ``scene``; truths are kept in ``cache``."""
     found: dict[str, list[list[float]]] = {}
     keep = [START + k for k in range(HORIZON + 1)]
     for seed in seeds:
-        truth = load(Case(name, seed), START + HORIZON, keep, cache_folder())
-        controls = truth.controls[START : START + HORIZON]
+        truth = load(Case(scene, seed), START + HORIZON, keep, cache)
+        start, controls = truth.states[START], truth.controls[START : START + HORIZON]
         for method, backend in methods(truth.scene).items():
-            list(replay(backend, truth.states[START], controls[:2]))  # warms up
-            steps = list(replay(backend, truth.states[START], controls))
-            off = [100 * vertex_error(truth.scene, steps[k - 1][0], truth.states[START + k]) for k in (1, 5, 10)]
-            found.setdefault(method, []).append([1e3 * float(np.median([s.cpu for _, s in steps])), *off])
-    return [Row(name, method, *np.median(values, 0).tolist()) for method, values in found.items()]
-
-
-def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m training.bench.papers.large_step", description=__doc__)
-    parser.add_argument("--scenes", default=",".join(SCENES))
-    parser.add_argument("--quick", action="store_true", help="one seed; says that it is quick")
-    parser.add_argument("--out", type=Path, help="folder for cnn_large_step*.csv and .json")
-    options = parser.parse_args(argv)
-    names = read_names(options.scenes, SCENES, "scene")
-    bound = [Growth(ratio, cells, growth(ratio, cells)) for ratio in (1.0, 2.0, 4.0, 8.0) for cells in (1, 2, 3, 4, 8)]
-    print(
-        "least growth of the worst mode a step\n" + f"{'R':>4s}" + "".join(f"{f'K={k}':>9s}" for k in (1, 2, 3, 4, 8))
-    )
-    for ratio in (1.0, 2.0, 4.0, 8.0):
-        print(f"{ratio:4g}" + "".join(f"{g.growth:9.3g}" for g in bound if g.ratio == ratio))
-    found = [row for name in names for row in measure(name, SEEDS[:1] if options.quick else SEEDS)]
-    print(f"\n{'':40s}{'ms':>8s}" + "".join(f"{f'{k} frames':>10s}" for k in (1, 5, 10)))
-    for r in found:
-        print(f"{r.scene:8s} {r.method:31s}{r.ms:8.2f}{r.error_1:10.4f}{r.error_5:10.4f}{r.error_10:10.4f}")
-    if options.quick:
-        print("(quick)")
-    if options.out:
-        options.out.mkdir(parents=True, exist_ok=True)
-        write_rows(options.out / "cnn_large_step.csv", found)
-        write_rows(options.out / "cnn_large_step_bound.csv", bound)
-        about: dict[str, Any] = {**header(), "quick": options.quick, "threads": 1, "seeds": SEEDS, "start": START}
-        (options.out / "cnn_large_step.json").write_text(json.dumps(about, indent=2) + "\n")
-    return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+            run(backend, truth.scene, start, controls[:2])  # warms up
+            states = (timed := run(backend, truth.scene, start, controls)).states
+            off = [100 * vertex_error(truth.scene, states[k], truth.states[START + k]) for k in (1, 5, HORIZON)]
+            found.setdefault(method, []).append([timed.ms, *off])
+    return [LargeStepRow(scene, method, *np.median(values, 0).tolist()) for method, values in found.items()]

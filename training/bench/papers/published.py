@@ -1,4 +1,4 @@
-"""The tables and figures of seed 000 that need networks: ours beside the paper's, part of ``minicloth bench tables``.
+"""The tables and figures of Lee 2019 that need networks, ours beside the paper's.
 
 Errors are mean distances of the vertices from the teacher's (P-ADMM, 10 iterations), in metres. Four protocols:
 
@@ -7,14 +7,13 @@ Errors are mean distances of the vertices from the teacher's (P-ADMM, 10 iterati
 - *free*: a miniature that starts with the teacher and runs by itself for ``frames`` frames; table 7.
 - *windows*: held-out trajectories, the miniature started from the teacher's state again every 20 frames.
 
-Rows "readings" are flags that differ in what the paper leaves open (``published_readings``).
+Rows "readings" are flags that differ in what the paper leaves open (``readings``).
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +21,16 @@ import numpy as np
 from tqdm import tqdm
 
 from surrogates.checkpoint import WEIGHTS
-from training.bench.papers.published_readings import READINGS, measured
-from training.bench.papers.published_runs import (
+from training.bench.papers.readings import READINGS, measured
+from training.bench.papers.rows import FrameErrorRow, PublishedRow
+from training.bench.papers.runs import (
     HISTORY,
     UNSCALED,
     UPSCALERS,
-    Run,
     by_frame,
+    cloths,
     decimated,
+    follow,
     held_out,
     milliseconds,
     miniature,
@@ -40,7 +41,9 @@ from training.bench.papers.published_runs import (
     upscaled,
     upscalers,
 )
-from training.recipes.published import FACTORS, SCENES, Recipe
+from training.bench.participants import Participant
+from training.recipes.upscaler import FACTORS, SCENES, Recipe
+from training.rollouts import Recording
 from training.rows import Store
 
 HORIZONS = (10, 14, 25, 100)  # frames of free runs
@@ -61,43 +64,12 @@ VARIED = {"fig13": [{"mass": m} for m in (1.5, 3.0, 4.5)], "fig14": [{"spring": 
 TURNED = [{"wind": 12.0}, {"wind": -12.0}]
 
 
-@dataclass(frozen=True)
-class Row:
-    """One number. ``options`` are the preset's that were changed, ``paper`` is what the paper has, or NaN."""
-
-    table: str
-    scene: str
-    options: str
-    factor: int
-    method: str
-    protocol: str
-    frames: int
-    measure: str
-    value: float
-    paper: float
-
-
-KEY = ("table", "scene", "options", "factor", "method", "protocol", "frames", "measure")
-POINT_KEY = ("scene", "protocol", "method", "frame")
-
-
-@dataclass(frozen=True)
-class Point:
-    """The error [m] in one frame, for the charts."""
-
-    scene: str
-    protocol: str
-    method: str
-    frame: int
-    error: float
-
-
-def curves(run: Run, factor: int, extra: Path | None = None) -> dict[tuple[str, str], np.ndarray]:
+def curves(run: Recording, factor: int, folder: Path | None = None) -> dict[tuple[str, str], np.ndarray]:
     """Errors by frame of every protocol and method, of one run from its start."""
-    frames, truth = len(run.controls), run.positions
+    frames, truth = len(run.controls), cloths(run)
     found: dict[tuple[str, str], np.ndarray] = {}
     sources = {"oracle": decimated(run, factor), "free": miniature(run, factor, 0, frames)}
-    ups = upscalers(run, factor, UPSCALERS, extra)
+    ups = upscalers(run, factor, UPSCALERS, folder)
     for protocol, states in sources.items():
         for name, up in ups.items():
             found[protocol, name] = by_frame(upscaled(run, up, states, factor), truth)
@@ -108,25 +80,34 @@ def curves(run: Run, factor: int, extra: Path | None = None) -> dict[tuple[str, 
 
 
 def score(
-    table: str, scene: str, factor: int, frames: int, options: Mapping[str, float], extra: Path | None = None
-) -> tuple[list[Row], list[Point]]:
+    table: str, scene: str, factor: int, frames: int, options: Mapping[str, float], folder: Path | None = None
+) -> tuple[list[PublishedRow], list[FrameErrorRow]]:
     """Rows of one run of the preset, and its errors by frame."""
     run = teacher(scene, frames, options)
-    found = curves(run, factor, extra)
+    found = curves(run, factor, folder)
     if table == "T7":
         found["free", "teacher nudged"] = nudged(run)
         found["free", "teacher, 30 iterations"] = teacher_again(run, iterations=30)
-    rows: list[Row] = []
-    points: list[Point] = []
-    for (protocol, method), errors in found.items():
+    return rows_of(table, scene, options, factor, found)
+
+
+def rows_of(
+    table: str, scene: str, options: Mapping[str, float], factor: int, curves: Mapping[tuple[str, str], np.ndarray]
+) -> tuple[list[PublishedRow], list[FrameErrorRow]]:
+    """Means of ``curves`` over some horizons (of the oracle over all frames), and their points for the chart."""
+    rows: list[PublishedRow] = []
+    points: list[FrameErrorRow] = []
+    for (protocol, method), errors in curves.items():
+        frames = len(errors)
         for horizon in [h for h in HORIZONS if h <= frames] or [frames]:
             if protocol == "oracle" and horizon < frames:
                 continue
             paper = _paper(table, scene, factor, method) if protocol == "free" and horizon == frames else NAN
             value = float(errors[:horizon].mean())
-            rows.append(Row(table, scene, _text(options), factor, method, protocol, horizon, "error", value, paper))
-        shown = [k for k in range(1, len(errors) + 1) if k <= 20 or k % 4 == 0]
-        points += [Point(scene, protocol, method, k, float(errors[k - 1])) for k in shown]
+            own = table, scene, _text(options), factor, method, protocol, horizon
+            rows.append(PublishedRow(*own, "error", value, paper))
+        shown = [k for k in range(1, frames + 1) if k <= 20 or k % 4 == 0]
+        points += [FrameErrorRow(scene, protocol, method, k, float(errors[k - 1])) for k in shown]
     return rows, points
 
 
@@ -138,11 +119,11 @@ def _paper(table: str, scene: str, factor: int, method: str) -> float:
     return NAN
 
 
-def windows(scene: str, factor: int, count: int, extra: Path | None = None) -> Iterator[Row]:
+def windows(scene: str, factor: int, count: int, folder: Path | None = None) -> Iterator[PublishedRow]:
     """Held-out trajectories: oracle, and real inputs started again every ``WINDOW`` frames; seams of the networks."""
     sums: dict[tuple[str, str, int, str], list[float]] = {}
     for run in held_out(scene, count):
-        truth, ups = run.positions, upscalers(run, factor, UPSCALERS, extra)
+        truth, ups = cloths(run), upscalers(run, factor, UPSCALERS, folder)
         firsts = range(0, len(truth) - WINDOW + 1, WINDOW)
         sources = {"oracle": [(0, decimated(run, factor))]}
         sources["windows"] = [(first, miniature(run, factor, first, WINDOW)) for first in firsts]
@@ -160,27 +141,23 @@ def windows(scene: str, factor: int, count: int, extra: Path | None = None) -> I
                         sums.setdefault((name, protocol, len(errors), "seam"), []).append(up.seam(middle[-HISTORY:]))
     for (name, protocol, frames, measure), values in sums.items():
         mean = float(np.mean(values))
-        yield Row("held out", scene, "", factor, name, protocol, frames, measure, mean, NAN)
+        yield PublishedRow("held out", scene, "", factor, name, protocol, frames, measure, mean, NAN)
 
 
-def readings(options: Mapping[str, float], frames: int) -> Iterator[Row]:
-    """Another flag: what ``published_readings.measured`` says of it."""
-    for (method, measure), value in measured(options, frames).items():
-        yield Row("readings", "Flag", _text(options), 2, method, "free", frames, measure, value, NAN)
-
-
-def speeds(scene: str, frames: int) -> Iterator[Row]:
+def speeds(scene: str, frames: int) -> Iterator[PublishedRow]:
     """Table 8: processor time of a frame, one thread."""
     ms = milliseconds(teacher(scene, frames), 2, UPSCALERS)
     teacher_ms, hdnn_ms, fc_ms = TABLE_8[scene]
     paper = {"teacher": teacher_ms, "hdnn": hdnn_ms, "fc": fc_ms}
     for name, value in ms.items():
         known = paper.get(name, NAN)
-        yield Row("T8", scene, "", 2, name, "free", frames, "ms", value, known)
-        yield Row("T8", scene, "", 2, name, "free", frames, "speed-up", ms["teacher"] / value, teacher_ms / known)
+        yield PublishedRow("T8", scene, "", 2, name, "free", frames, "ms", value, known)
+        yield PublishedRow(
+            "T8", scene, "", 2, name, "free", frames, "speed-up", ms["teacher"] / value, teacher_ms / known
+        )
 
 
-def pairs(folders: Sequence[Path]) -> Iterator[Row]:
+def pairs(folders: Sequence[Path]) -> Iterator[PublishedRow]:
     """Tables 3 and 5 from the cards of trained networks, with bilinear interpolation on the same pairs."""
     cards: dict[Recipe, Any] = {}
     for folder in folders:
@@ -192,66 +169,74 @@ def pairs(folders: Sequence[Path]) -> Iterator[Row]:
         errors = cards.get(Recipe("Flag", features=features), {})
         for split, found in ((s, errors[s]) for s in ("learnt from", "held out") if errors):
             known = paper[split == "held out"]
-            yield Row("T3", "Flag", features, 2, "fc", split, 1, "mse", found["mse"], known)
+            yield PublishedRow("T3", "Flag", features, 2, "fc", split, 1, "mse", found["mse"], known)
     for at, scene in enumerate(SCENES):
         wanted = [(f"{u}*FC-{v}", Recipe(scene, layers=u, width=v), known[at]) for (u, v), known in TABLE_5.items()]
         wanted += [("4*FC-64, random start", Recipe(scene, start="random"), NAN)]
         for name, recipe, number in wanted:
             if recipe in cards:
                 value = cards[recipe]["held out"]["mse"]
-                yield Row("T5", scene, name, 2, "fc", "held out", 1, "mse", value, number)
+                yield PublishedRow("T5", scene, name, 2, "fc", "held out", 1, "mse", value, number)
         if Recipe(scene) in cards:
             value = cards[Recipe(scene)]["held out"]["linear mse"]
-            yield Row("T5", scene, "", 2, "bilinear", "held out", 1, "mse", value, NAN)
+            yield PublishedRow("T5", scene, "", 2, "bilinear", "held out", 1, "mse", value, NAN)
 
 
-def measure(rows: Store[Row], points: Store[Point], *, frames: int, count: int, extra: Path | None = None) -> None:
-    """Add what is missing to ``rows`` and, of table 7's runs, to ``points``; tables 3 and 5 are read again."""
-    rows.add(*pairs([WEIGHTS, *([extra] if extra else [])]))
+def fill(
+    rows: Store[PublishedRow],
+    points: Store[FrameErrorRow],
+    scenes: Sequence[str] = SCENES,
+    others: Sequence[Participant] = (),
+    *,
+    frames: int,
+    count: int,
+    folder: Path | None = None,
+) -> None:
+    """Add what is missing to ``rows`` and, of table 7's runs, to ``points``; tables 3 and 5 are read again.
+
+    Args:
+        rows, points: what there is.
+        scenes: of the preset.
+        others: backends that run freely beside table 7's.
+        frames: of a run.
+        count: of held-out trajectories.
+        folder: of weights that are not shipped.
+    """
+    rows.add(*pairs([WEIGHTS, *([folder] if folder else [])]))
     wanted: list[tuple[str, str, int, Mapping[str, float]]] = []
-    for scene in SCENES:
+    for scene in scenes:
         wanted += [("T7", scene, 2, {})] + [("T4", scene, factor, {}) for factor in FACTORS]
         wanted += [(figure, scene, 2, options) for figure, variants in VARIED.items() for options in variants]
-    wanted += [("fig15", "Flag", 2, options) for options in TURNED]
+    wanted += [("fig15", "Flag", 2, options) for options in TURNED if "Flag" in scenes]
     for table, scene, factor, options in tqdm(wanted, desc="tables with networks", disable=None):
         if not _known(rows, table, scene, _text(options), factor):
-            new, by_frames = score(table, scene, factor, frames, options, extra if table in ("T7", "fig15") else None)
+            new, by_frames = score(table, scene, factor, frames, options, folder if table in ("T7", "fig15") else None)
             rows.add(*new)
             if table == "T7":
                 points.add(*by_frames)
-    for options in READINGS:
+    for options in READINGS if "Flag" in scenes else ():
         if not _known(rows, "readings", "Flag", _text(options), 2):
-            rows.add(*readings(options, frames))
-    for scene in SCENES:
+            rows.add(
+                *(
+                    PublishedRow("readings", "Flag", _text(options), 2, method, "free", frames, measure, value, NAN)
+                    for (method, measure), value in measured(options, frames).items()
+                )
+            )
+    for scene in scenes:
         if not _known(rows, "held out", scene, "", 2):
-            rows.add(*windows(scene, 2, count, extra))
+            rows.add(*windows(scene, 2, count, folder))
         if not _known(rows, "T8", scene, "", 2):
             rows.add(*speeds(scene, frames))
+        for p in others:
+            if not any((r.table, r.scene, r.method) == ("T7", scene, p.label) for r in rows.rows):
+                run = teacher(scene, frames)
+                errors = by_frame(follow(run, p.build(run.scene))[0], cloths(run))
+                rows.add(*rows_of("T7", scene, {}, 2, {("free", p.label): errors})[0])
 
 
-def _known(rows: Store[Row], *key: Any) -> bool:
+def _known(rows: Store[PublishedRow], *key: Any) -> bool:
     return any((r.table, r.scene, r.options, r.factor) == key for r in rows.rows)
 
 
 def _text(options: Mapping[str, float]) -> str:
     return " ".join(f"{name}={value:g}" for name, value in options.items())
-
-
-def text(rows: Sequence[Row]) -> str:
-    """The tables for people: a line for each method, its numbers by protocol and frames."""
-    lines, last = [], ""
-    groups: dict[tuple[Any, ...], list[Row]] = {}
-    order = list(dict.fromkeys(r.table for r in rows))
-    for r in sorted(rows, key=lambda r: order.index(r.table)):
-        groups.setdefault((r.table, r.scene, r.options, r.factor, r.method), []).append(r)
-    for (table, scene, options, factor, method), found in groups.items():
-        if table != last:
-            lines.append(f"\n{table}: errors in m, mse in m^2 (paper in brackets)")
-            last = table
-        numbers = [
-            f"{r.protocol} {r.frames}: {r.value:.3g} {'' if r.measure == 'error' else r.measure}".rstrip()
-            + (f" ({r.paper:.4g})" if np.isfinite(r.paper) else "")
-            for r in found
-        ]
-        lines.append(f"{f'{scene} s={factor} {options} {method}':44s} " + ", ".join(numbers))
-    return "\n".join(lines)

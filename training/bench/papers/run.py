@@ -1,173 +1,167 @@
-"""``minicloth bench tables``: the tables of Lee, Oh & Lee 2019 (seed 000), ours beside the paper's.
+"""``minicloth bench tables``: the papers' own tables, ours beside theirs.
 
-Here the parts that need no network: 4 (down-sampling factor), 6 (interpolation) and 8 (time); ``published`` has those
-that do, and the figures. Errors are the mean distance of the particles from those of the teacher, P-ADMM with 10
-iterations at full resolution, over the first frames of preset "lee2019" with zero actions. That is agreement with a
-teacher, not accuracy. "Oracle" upscales the teacher's own decimated positions, "real" a real miniature run.
+Lee, Oh & Lee 2019: here the parts that need no network: 4 (down-sampling factor), 6 (interpolation) and 8 (time);
+``published`` has those that do, and the figures. Errors are the mean distance of the particles from those of the
+teacher, P-ADMM with 10 iterations at full resolution, over the first frames of preset "lee2019" with zero actions. That
+is agreement with a teacher, not accuracy. "Oracle" upscales the teacher's own decimated positions, "real" a real
+miniature run. ``--cell`` is table 2 of Zhao 2024 (``cell``), ``--large-step`` what a larger step would cost.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
-from time import perf_counter
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from tqdm import tqdm
 
-from cloth_envs.machine import header
+from cloth_envs.presets import solver_of
 from cloth_envs.resample import Resampler, resample
-from cloth_envs.world import World
+from surrogates.checkpoint import load
 from surrogates.miniature.coarse import coarse_grid
 from surrogates.upscale.protocol import INTERPOLATIONS
-from training.bench.papers import cell as cnn
-from training.bench.papers import published, published_chart, published_pictures
-from training.bench.throughput.run import write_rows
-from training.rows import Store
-from training.train_upscaler import work_folder
+from training.bench.benchmark import Benchmark, Part, RowFile, Session
+from training.bench.papers import cell, large_step, pictures, published
+from training.bench.papers.chart import draw
+from training.bench.papers.rows import (
+    CELL_KEY,
+    FRAME_KEY,
+    PUBLISHED_KEY,
+    CellCheckRow,
+    CellRow,
+    CellSpeedRow,
+    FrameErrorRow,
+    GrowthRow,
+    LargeStepRow,
+    PublishedRow,
+    TableRow,
+    cell_text,
+    large_step_text,
+    published_text,
+    table_text,
+)
+from training.bench.papers.runs import PRESET, by_frame, cloths, follow, shrunk, solver, teacher
+from training.bench.participants import extra
+from training.cell.data import STEPS
+from training.recipes.upscaler import SCENES, work_folder
+from training.rollouts import Recording
 
-TEACHER = {"solver": "admm", "iterations": 10}
-SCENES = ("Curtain", "Flag", "Collision")
 # The paper's figures: error, ms on its authors' machine. Its own method is the miniature with a network.
 TABLE_4 = {2: (1.816e-3, 37.5), 3: (2.916e-3, 19.1), 4: (3.901e-3, 16.2)}
 TABLE_6 = {"bilinear": (1.826e-3, 17.7), "biquadratic": (1.825e-3, 17.7), "bicubic": (1.825e-3, 17.8)}
 TABLE_8 = {"Curtain": (72.8, 37.5), "Flag": (33.2, 18.1), "Collision": (50.2, 33.2)}
 
 
-@dataclass(frozen=True)
-class Row:
-    """One miniature on one scene. Errors in metres; ``ms`` are medians of a frame, upscaling included."""
-
-    table: int
-    scene: str
-    factor: int
-    scaling: str
-    upscaler: str
-    frames: int
-    oracle_error: float
-    real_error: float
-    ms: float
-    teacher_ms: float
-    paper_error: float
-    paper_ms: float
-    paper_teacher_ms: float
-
-
-def run(scene: str, frames: int, backend: str, options: dict[str, Any]) -> tuple[World, np.ndarray, float]:
-    """Positions ``(frames, 3, H, W)`` of a run with zero actions, and the median time of a frame [ms]."""
-    world = World(scene, backend=backend, backend_kwargs=options, preset="lee2019")
-    world.reset({0: np.random.default_rng(0)})
-    assert world.episode is not None
-    positions, times = [], []
-    for _ in range(frames):
-        controls = world.task.controls(world.episode)
-        start = perf_counter()
-        state = world.backend.advance(controls)
-        positions.append(state.positions[0].copy())
-        state.velocities  # noqa: B018  a lazy backend infers them now
-        times.append(perf_counter() - start)
-        world.episode.state = state
-    return world, np.array(positions), float(np.median(times)) * 1e3
-
-
-def distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Mean distance of the vertices of two runs ``(T, 3, H, W)`` [m]."""
-    return float(np.sqrt(((a.astype(np.float64) - b) ** 2).sum(1)).mean())
-
-
-def oracle(world: World, positions: np.ndarray, factor: int, upscaler: str) -> np.ndarray:
-    """``positions`` decimated and upscaled again."""
-    fine, coarse = world.scene.grid, coarse_grid(world.scene.grid, factor)
-    small = np.ascontiguousarray(resample(positions, fine, coarse), np.float32)
+def oracle(run: Recording, factor: int, upscaler: str) -> np.ndarray:
+    """The teacher's positions decimated and upscaled again, ``(T, 3, H, W)`` [m]."""
+    fine, coarse = run.scene.grid, coarse_grid(run.scene.grid, factor)
+    small = np.ascontiguousarray(resample(cloths(run), fine, coarse), np.float32)
     return Resampler(coarse, fine, INTERPOLATIONS[upscaler])(small)
 
 
-def rows(frames: int) -> Iterator[Row]:
+def tables(frames: int, scenes: Sequence[str] = SCENES) -> Iterator[TableRow]:
     """Table 4 with both scalings, table 6, table 8."""
     wanted = [(4, "Curtain", f, scaling, "bicubic") for f in TABLE_4 for scaling in ("seed", "similar")]
     wanted += [(6, "Curtain", 2, "similar", upscaler) for upscaler in TABLE_6]
-    wanted += [(8, scene, 2, "similar", "bicubic") for scene in SCENES]
-    for table, scene, factor, scaling, upscaler in tqdm(wanted, desc="tables", disable=None):
-        world, teacher, teacher_ms = run(scene, frames, "reference", TEACHER)
-        inner = {"solver": "admm", "solver_kwargs": {"iterations": TEACHER["iterations"]}}
-        options = {"factor": factor, "scaling": scaling, "upscaler": upscaler, **inner}
-        _, real, ms = run(scene, frames, "miniature", options)
+    wanted += [(8, scene, 2, "similar", "bicubic") for scene in TABLE_8]
+    runs = {scene: teacher(scene, frames) for scene in scenes}
+    todo = [entry for entry in wanted if entry[1] in runs]
+    for table, scene, factor, scaling, upscaler in tqdm(todo, desc="tables", disable=None):
+        run = runs[scene]
+        truth, teacher_seconds = follow(run, solver(run.scene))
+        real, seconds = follow(run, shrunk(run.scene, factor, scaling=scaling, upscaler=upscaler))
         paper = {4: TABLE_4.get(factor), 6: TABLE_6.get(upscaler), 8: (np.nan, TABLE_8[scene][1])}[table]
         assert paper is not None
-        yield Row(
+        yield TableRow(
             table=table,
             scene=scene,
             factor=factor,
             scaling=scaling,
             upscaler=upscaler,
             frames=frames,
-            oracle_error=distance(oracle(world, teacher, factor, upscaler), teacher),
-            real_error=distance(real, teacher),
-            ms=ms,
-            teacher_ms=teacher_ms,
+            oracle_error=float(by_frame(oracle(run, factor, upscaler), truth).mean()),
+            real_error=float(by_frame(real, truth).mean()),
+            ms=1e3 * float(np.median(seconds)),
+            teacher_ms=1e3 * float(np.median(teacher_seconds)),
             paper_error=paper[0],
             paper_ms=paper[1],
             paper_teacher_ms=TABLE_8[scene][0],
         )
 
 
-def text(found: list[Row]) -> str:
-    """The tables for people."""
-    lines = []
-    for table in (4, 6, 8):
-        lines += [f"\nTable {table}: error [m] and ms a frame; speed-up over P-ADMM at full resolution"]
-        lines += [f"{'':34s}{'oracle':>9s}{'real':>9s}{'paper':>9s}{'ms':>8s}{'paper':>7s}{'x':>6s}{'paper':>7s}"]
-        for r in (row for row in found if row.table == table):
-            name = f"{r.scene} s={r.factor} {r.scaling} {r.upscaler}"
-            lines.append(
-                f"{name:34s}{r.oracle_error:9.1e}{r.real_error:9.1e}{r.paper_error:9.1e}{r.ms:8.3f}{r.paper_ms:7.1f}"
-                f"{r.teacher_ms / r.ms:6.1f}{r.paper_teacher_ms / r.paper_ms:7.1f}"
-            )
-    return "\n".join(lines)
+def measure(session: Session) -> None:
+    """What is asked for: all of Lee 2019, or its part with networks, or Zhao 2024, or the larger step."""
+    given, quick, asked = session.given, session.quick, session.given.scenes is not None
+    session.about |= {
+        "threads": 1,
+        "teacher": solver_of(PRESET),
+        "large_step": {"seeds": large_step.SEEDS, "start": large_step.START},
+        "cells": {name: load(name).card["sha256"] for name in cell.CELLS},
+    }
+    if given.cell:
+        cell.score(session.store("cnn"), STEPS // 10 if quick else STEPS)
+        session.store("cnn_speed").replace(cell.speeds(5 if quick else 20))
+        session.store("cnn_checks").replace(cell.checks(3 if quick else 10))
+        return
+    if given.large_step:
+        scenes = [s for s in large_step.SCENES if s in session.scenes or not asked]
+        seeds = large_step.SEEDS[:1] if quick else large_step.SEEDS
+        session.store("cnn_large_step_bound").replace(large_step.bounds())
+        session.store("cnn_large_step").replace(
+            [row for scene in scenes for row in large_step.compare(scene, seeds, session.cache("truth"))]
+        )
+        return
+    frames, count = (10, 0) if quick else (100, published.HELD_OUT)
+    scenes, folder = [s for s in SCENES if s in session.scenes], work_folder() / "weights"
+    published.fill(
+        session.store("published"), session.store("published_frames"), scenes, extra(given.backend),
+        frames=frames, count=count, folder=folder if folder.is_dir() else None,
+    )  # fmt: skip
+    if given.images:
+        pictures.draw(given.images / "published_pictures.png")
+    if not given.networks:
+        session.store("tables").replace(list(tables(frames, scenes)))
 
 
-def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="minicloth bench tables", description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="10 frames instead of 100; says that it is quick")
-    parser.add_argument("--out", type=Path, help="folder of tables.csv, published.csv (kept and completed) and .json")
-    parser.add_argument("--images", type=Path, help="folder for the charts")
-    parser.add_argument("--networks", action="store_true", help="only what needs networks")
-    parser.add_argument("--cell", action="store_true", help="only table 2 of Zhao 2024, the physics-embedded CNN")
-    options = parser.parse_args(argv)
-    if options.cell:
-        return cnn.main([*(["--quick"] * options.quick), *(["--out", str(options.out)] if options.out else [])])
-    if options.out:
-        options.out.mkdir(parents=True, exist_ok=True)
-    networks(options)
-    if options.networks:
-        return 0
-    found = list(rows(10 if options.quick else 100))
-    print(text(found) + ("\n(quick)" if options.quick else ""))
-    if options.out:
-        write_rows(options.out / "tables.csv", found)
-        about = {**header(), "quick": options.quick, "teacher": TEACHER, "threads": 1}
-        (options.out / "tables.json").write_text(json.dumps(about, indent=2) + "\n")
-    return 0
+def _options(parser: argparse.ArgumentParser) -> None:
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--networks", action="store_true", help="of Lee 2019 only what needs networks")
+    which.add_argument("--cell", action="store_true", help="only table 2 of Zhao 2024, the physics-embedded CNN")
+    which.add_argument("--large-step", action="store_true", help="only what a step of several cells would cost")
 
 
-def networks(options: argparse.Namespace) -> None:
-    """The part with networks: rows, tables for people, charts."""
-    out = options.out
-    store = Store(out and out / "published.csv", published.Row, published.KEY)
-    points = Store(out and out / "published_frames.csv", published.Point, published.POINT_KEY)
-    extra = work_folder() / "weights"
-    frames, count = (10, 0) if options.quick else (100, published.HELD_OUT)
-    published.measure(store, points, frames=frames, count=count, extra=extra if extra.is_dir() else None)
-    print(published.text(store.rows))
-    if out:
-        about = {**header(), "quick": options.quick, "teacher": TEACHER, "threads": 1}
-        (out / "published.json").write_text(json.dumps(about, indent=2) + "\n")
-    if options.images:
-        published_pictures.draw(options.images / "published_pictures.png")
-        charts: Any = {"frames": (published_chart.frames, points), "variants": (published_chart.variants, store)}
-        for name, (draw, what) in charts.items():
-            draw(what.rows, [options.images / f"published_{name}.{kind}" for kind in ("png", "svg")])
+BENCHMARK = Benchmark(
+    name="tables",
+    about="The tables of Lee 2019 and Zhao 2024, ours beside theirs.",
+    files={
+        "tables": RowFile(TableRow),
+        "published": RowFile(PublishedRow, PUBLISHED_KEY),
+        "published_frames": RowFile(FrameErrorRow, FRAME_KEY),
+        "cnn": RowFile(CellRow, CELL_KEY),
+        "cnn_speed": RowFile(CellSpeedRow),
+        "cnn_checks": RowFile(CellCheckRow),
+        "cnn_large_step": RowFile(LargeStepRow),
+        "cnn_large_step_bound": RowFile(GrowthRow),
+    },
+    parts=[
+        Part("Lee 2019, tables 4, 6 and 8", ("tables",), table_text),
+        Part("Lee 2019 with networks", ("published",), published_text, "--networks"),
+        Part("Zhao 2024, table 2", ("cnn", "cnn_speed", "cnn_checks"), cell_text, "--cell"),
+        Part(
+            "Zhao 2024, a larger step by several cells",
+            ("cnn_large_step", "cnn_large_step_bound"),
+            large_step_text,
+            "--large-step",
+        ),
+    ],
+    measure=measure,
+    scenes=SCENES,
+    known=tuple(dict.fromkeys((*SCENES, *large_step.SCENES))),
+    charts={
+        "published_frames": "Errors by frame: interpolation and networks beside the teacher (figures 9-12)",
+        "published_variants": "Errors for other masses, springs and winds (figures 13-15)",
+        "published_pictures": "The teacher's cloth beside those that it is compared with (figures 10-12, 15)",
+    },
+    draw=draw,
+    options=_options,
+)

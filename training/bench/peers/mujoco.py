@@ -1,4 +1,4 @@
-"""MuJoCo in ``minicloth bench peers``: a flex whose elasticity stands for the same sheet.
+"""MuJoCo as a peer: a flex whose elasticity stands for the same sheet.
 
 As its documentation recommends for cloth (Modeling, Deformables): ``integrator="discrete"`` and ``solver="Newton"``
 with continuum elasticity of a shell; also the quicker edge constraints under ``implicitfast``. A Saint
@@ -14,9 +14,8 @@ import mujoco
 import numpy as np
 
 from cloth_envs.physics.laws.air import wind_forces
-from training.bench.peers.scenes import Setup, Stopwatch
+from training.bench.peers.scenes import Peer, Setup
 
-METHODS = ("elastic", "membrane", "edges")
 CONTACT = "0.004 1"  # solref of contact: the stiff end of what the documentation recommends
 
 
@@ -60,7 +59,7 @@ def document(setup: Setup, method: str, step: float, solver: str, iterations: in
       </worldbody></mujoco>"""
 
 
-class MujocoCloth:
+class MujocoCloth(Peer):
     """``method``: ``"elastic"`` (stretch and bending), ``"membrane"`` (stretch), ``"edges"`` (constraints).
 
     Args:
@@ -81,7 +80,8 @@ class MujocoCloth:
         passive: bool = False,
     ) -> None:
         mujoco.set_mju_user_warning(lambda _: None)  # keeps it from writing a log file where it is run
-        self._setup, self.substeps = setup, substeps
+        super().__init__(setup)
+        self.substeps = substeps
         scene = setup.scene
         text = document(setup, method, scene.frame_dt / substeps, solver, iterations, solref, passive)
         self.model = mujoco.MjModel.from_xml_string(text)
@@ -90,36 +90,28 @@ class MujocoCloth:
         self.model.dof_damping[:] = np.repeat(scene.mass[self.free], 3) * (scene.material.drag if scene.drag else 0)
         self.data = mujoco.MjData(self.model)
         mujoco.mj_setConst(self.model, self.data)
-        self.reset()
+        self.masses = scene.mass.copy()  # pinned vertices belong to the world and have ours
+        self.masses[self.free] = self.model.body_mass[1:]
+        self.reset(setup.start)
 
-    @property
-    def masses(self) -> np.ndarray:
-        """Of the vertices, ``(rows, cols)`` [kg]; pinned ones belong to the world and have our mass."""
-        out = self._setup.scene.mass.copy()
-        out[self.free] = self.model.body_mass[1:]
-        return out
-
-    def reset(self) -> None:
+    def place(self, positions: np.ndarray, velocities: np.ndarray) -> None:
         mujoco.mj_resetData(self.model, self.data)
-        offset = self._setup.start.positions[0] - self._setup.rest
-        self.data.qpos[:] = offset[:, self.free].T.ravel()
+        self.data.qpos[:] = (positions - self.setup.rest)[:, self.free].T.ravel()
+        self.data.qvel[:] = velocities[:, self.free].T.ravel()
 
-    def advance(self) -> tuple[float, float]:
-        watch = Stopwatch()
-        if self._setup.scene.wind is None:
-            with watch:
+    def run_frame(self, wind: np.ndarray) -> None:
+        if self.scene.wind is None:
+            with self.watch:
                 mujoco.mj_step(self.model, self.data, self.substeps)
-        else:
-            for _ in range(self.substeps):
-                x, v = self.state()
-                force = wind_forces(self._setup.scene, x[None], v[None], self._setup.controls.wind)[0]
-                self.data.qfrc_applied[:] = force[:, self.free].T.ravel()
-                with watch:
-                    mujoco.mj_step(self.model, self.data)
-        return watch.wall, watch.cpu
+            return
+        for _ in range(self.substeps):
+            x, v = self.read()
+            self.data.qfrc_applied[:] = wind_forces(self.scene, x[None], v[None], wind)[0][:, self.free].T.ravel()
+            with self.watch:
+                mujoco.mj_step(self.model, self.data)
 
-    def state(self) -> tuple[np.ndarray, np.ndarray]:
-        x, v = self._setup.rest.copy(), np.zeros_like(self._setup.rest)
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        x, v = self.setup.rest.copy(), np.zeros_like(self.setup.rest)
         x[:, self.free] += self.data.qpos.reshape(-1, 3).T
         v[:, self.free] = self.data.qvel.reshape(-1, 3).T
         return x, v

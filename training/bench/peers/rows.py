@@ -1,4 +1,4 @@
-"""Rows of ``minicloth bench peers``: who is faster at equal error, and the table."""
+"""Rows of the peers benchmark: who is faster at equal error, and the table."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from training.bench.cost import TOLERANCE
 from training.bench.peers.scenes import TITLES
 
 OWN = "MiniCloth"
+TOLERANCE = 0.05  # of the truth's way, by which the mean height may lag or lead
 EQUAL = 1.05  # errors within 5 % count as equal: single precision rounds differently in each engine
 
 
 @dataclass(frozen=True)
-class Row:
+class PeerRow:
     """One engine with one setting on one scene.
 
     ``ms``: processor time a frame, median over ``frames`` of one or more runs, with its quartiles; ``wall_ms`` the
@@ -60,14 +60,17 @@ class Row:
         return not self.failure and bool(lags) and min(lags) <= TOLERANCE
 
 
-def label(row: Row) -> str:
+PEER_KEY = ("scene", "engine", "settings")
+
+
+def label(row: PeerRow) -> str:
     """``MuJoCo elastic substeps=2``."""
     options = json.loads(row.settings)
-    name = options.pop("solver", "") if row.engine == OWN else options.pop("method")
-    return " ".join([row.engine, name, *(f"{key}={value}" for key, value in options.items())])
+    name = options.pop("solver" if row.engine == OWN else "method", "")
+    return " ".join(filter(None, [row.engine, name, *(f"{key}={value}" for key, value in options.items())]))
 
 
-def rivals(rows: Sequence[Row], scene: str) -> list[tuple[Row, Row | None]]:
+def rivals(rows: Sequence[PeerRow], scene: str) -> list[tuple[PeerRow, PeerRow | None]]:
     """Every passing setting of a peer on ``scene``, and the fastest of ours that passes at no larger error."""
     mine = [r for r in rows if r.scene == scene and r.engine == OWN and r.passed]
     out = []
@@ -78,7 +81,7 @@ def rivals(rows: Sequence[Row], scene: str) -> list[tuple[Row, Row | None]]:
     return out
 
 
-def table(rows: Sequence[Row]) -> str:
+def table(rows: Sequence[PeerRow]) -> str:
     """All rows, and what the comparisons come to."""
     lines = []
     for scene in dict.fromkeys(r.scene for r in rows):

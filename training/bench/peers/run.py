@@ -10,32 +10,31 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
-from pathlib import Path as Folder
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from tqdm import tqdm
 
+from cloth_envs.backend import Backend
 from cloth_envs.extras import install
-from cloth_envs.machine import header
-from cloth_envs.physics.solver import SOLVERS
+from cloth_envs.naming import resolve
+from cloth_envs.physics.truth import TRUTHS
 from cloth_envs.registry import make_backend
-from training.bench.convergence.chaos import NUDGE, nudged
-from training.bench.peers import scenes as peers_scenes
-from training.bench.peers.chart import draw
-from training.bench.peers.rows import OWN, Row, table
-from training.bench.peers.scenes import EARLY, LATE, NAMES, Engine, Own, Path, Setup, error_mm, follow, lag, p99
-from training.bench.throughput.run import write_rows
-from training.bench.truth import length
+from training.bench.benchmark import Benchmark, Part, RowFile, Session
+from training.bench.participants import extra
+from training.bench.peers.chart import STEM, draw
+from training.bench.peers.rows import OWN, PEER_KEY, PeerRow, table
+from training.bench.peers.scenes import EARLY, LATE, NAMES, Setup, Trace, build, error_mm, follow, lag, p99
+from training.rollouts import nudge
 
 Options = Mapping[str, Any]
 CLASSES = {"Taichi": "training.bench.peers.taichi:TaichiCloth", "MuJoCo": "training.bench.peers.mujoco:MujocoCloth"}
-TRUTH: Options = {"solver": "explicit", "dtype": "float64", "refine": 4}
+TRUTH: Options = {"solver": "explicit", **TRUTHS["g1"]}
+LIMIT, QUICK = 30.0, 4  # s after which a run is stopped; grids are so many times coarser
 # Settings that were tried and left out: MuJoCo's CG (as slow as Newton: without constraints both factorise the same
 # matrix), its tolerance and iterations without contact (no effect), edge constraints at steps over 4 ms or time
 # constants over 8 ms (strains over 20 %), XPBD at fewer than 40 substeps with one iteration (breaks).
@@ -74,155 +73,155 @@ FINE: dict[str, Sequence[tuple[Options, float]]] = {
 }
 
 
-def engine_class(engine: str) -> Callable[..., Engine]:
-    """What builds a peer: ``(setup, **options)``."""
-    module, name = CLASSES[engine].split(":")
-    found: Callable[..., Engine] = getattr(import_module(module), name)
-    return found
+class Entry(NamedTuple):
+    """An engine with one setting."""
+
+    engine: str
+    options: Options
 
 
-def make(engine: str, setup: Setup, options: Options) -> Engine:
-    """``engine`` with ``options``, ready at the scene's start."""
-    if engine == OWN:
-        return Own(setup, make_backend("reference", setup.scene, backend_kwargs=options))
-    return engine_class(engine)(setup, **options)
+def make(entry: Entry, setup: Setup) -> Backend:
+    """The engine of ``entry`` for one cloth: ours, a peer, or a backend that ``--backend`` named."""
+    if entry.engine in CLASSES:
+        peer: Backend = resolve(CLASSES[entry.engine])(setup, **entry.options)
+        return peer
+    name = "reference" if entry.engine == OWN else entry.engine
+    return make_backend(name, setup.scene, backend_kwargs=entry.options)
 
 
 def missing(engine: str) -> str:
     """Why ``engine`` can't take part, or nothing."""
-    if engine != OWN and find_spec(engine.lower()) is None:
+    if engine in CLASSES and find_spec(engine.lower()) is None:
         return f"{engine} is not installed: {install('peers')}"
     return ""
 
 
-def available(options: Options) -> bool:
-    """A solver of ours that this installation has."""
-    return (
-        "solver" not in options
-        or options["solver"] not in ("admm", "implicit")
-        or (options["solver"] in SOLVERS and find_spec(SOLVERS[options["solver"]].split(":")[0]) is not None)
-    )
+def entries(scene: str, engines: Sequence[str], *, quick: bool) -> list[Entry]:
+    """All that is run on ``scene``; a third of it where it is to be ``quick``."""
+    found = []
+    for engine in engines:
+        contact = CONTACT.get(engine, ()) if scene == "C" else ()
+        found += [Entry(engine, options) for options in (*SETTINGS[engine][:: 3 if quick else 1], *contact)]
+    return [e for e in found if e.options.get("solver") != "implicit" or find_spec("cholespy")]
 
 
-def _takes_part(setup: Setup, fine: Options) -> bool:
-    """Whether an own truth is worth its time on this scene."""
-    if setup.name == "C":
-        return bool(fine["method"] != "elastic")
-    return not fine.get("passive")
+def own_truths(setup: Setup, engines: Sequence[str]) -> list[tuple[Entry, Trace]]:
+    """Runs of the engines' own models at a fine step, where they are worth their time."""
+    found = []
+    for engine in engines:
+        for options, step in FINE.get(engine, ()):
+            if options["method"] != "elastic" if setup.name == "C" else not options.get("passive"):
+                fine = Entry(engine, {**options, "substeps": round(setup.scene.frame_dt / step)})
+                found.append((Entry(engine, options), follow(setup, make(fine, setup))))
+    return found
 
 
-def measure(setup: Setup, engines: Sequence[str], *, budget: float, limit: float, quick: bool) -> list[Row]:
-    """All settings of ``engines`` on one scene.
+def timed(setup: Setup, chosen: Sequence[Entry], budget: float) -> list[tuple[int, Trace, np.ndarray]]:
+    """Of each the substeps, its first run and the seconds of all frames ``(frames, 2)``; repeated runs take turns.
 
-    Args:
-        budget: seconds for repeated runs of one setting; each runs once at least, five times at most.
-        limit: seconds after which a run is stopped.
-        quick: a third of the settings, no own truths.
+    Each runs once at least, five times at most, and as long as its runs took less than ``budget`` seconds together.
     """
-    true = follow(setup, make(OWN, setup, TRUTH))
-    push = np.random.default_rng(0)
-    near = replace(setup, start=nudged(setup.start, setup.scene.handles, NUDGE * length(setup.scene), push))
-    floor = follow(near, make(OWN, near, TRUTH))
-    chosen = [
-        (engine, options)
-        for engine in engines
-        for options in (
-            *SETTINGS[engine][:: 3 if quick else 1],
-            *(CONTACT.get(engine, ()) if setup.name == "C" else ()),
-        )
-        if available(options)
-    ]
-    own: list[tuple[str, Options, Path]] = []
-    fine = [] if quick else [(e, o, h) for e in engines for o, h in FINE.get(e, ()) if _takes_part(setup, o)]
-    for engine, options, step in tqdm(fine, desc=f"{setup.name}: own truths", disable=None):
-        substeps = round(setup.scene.frame_dt / step)
-        own.append((engine, options, follow(setup, make(engine, setup, {**options, "substeps": substeps}))))
-    built, first, seconds = [], [], []
-    for engine, options in tqdm(chosen, desc=f"{setup.name}: engines", disable=None):
-        built.append(make(engine, setup, options))
-        follow(setup, built[-1], seconds=setup.scene.frame_dt)  # warms up
-        first.append(follow(setup, built[-1], limit=limit))
-        seconds.append([first[-1].seconds])
+    engines = [make(entry, setup) for entry in chosen]
+    first = []
+    for engine in tqdm(engines, desc=f"{setup.name}: engines", disable=None):
+        follow(setup, engine, seconds=setup.scene.frame_dt)  # warms up
+        first.append(follow(setup, engine, limit=LIMIT))
+    seconds = [[trace.seconds] for trace in first]
     for _ in tqdm(range(4), desc=f"{setup.name}: again", disable=None):
-        for one, path, times in zip(built, first, seconds, strict=True):
-            if not path.failure and sum(t[:, 0].sum() for t in times[1:]) + times[0][:, 0].sum() <= budget:
-                times.append(follow(setup, one).seconds)
+        for engine, trace, times in zip(engines, first, seconds, strict=True):
+            if not trace.failure and sum(t[:, 0].sum() for t in times) <= budget:
+                times.append(follow(setup, engine).seconds)
+    substeps = [int(np.max(getattr(engine, "substeps", 1))) for engine in engines]
+    return [(n, trace, np.concatenate(times)) for n, trace, times in zip(substeps, first, seconds, strict=True)]
+
+
+def measure_scene(
+    setup: Setup, chosen: Sequence[Entry], own: Sequence[tuple[Entry, Trace]], budget: float
+) -> list[PeerRow]:
+    """All of ``chosen`` on one scene, against our truth and those of ``own`` that they are a coarser step of."""
+    ours = Entry(OWN, TRUTH)
+    true = follow(setup, make(ours, setup))
+    near = replace(setup, start=nudge(setup.start, setup.scene, 0))
+    floor = follow(near, make(ours, near))
     rows = []
-    for (engine, options), one, path, times in zip(chosen, built, first, seconds, strict=True):
-        wall, cpu = 1e3 * np.concatenate(times).T
-        mine = next((p for e, o, p in own if e == engine and o.items() <= options.items()), None)
-        late, early = (mine.late, mine.early) if mine else (None, None)
-        q1, median, q3 = np.percentile(cpu, [25, 50, 75])
+    for entry, (substeps, trace, seconds) in zip(chosen, timed(setup, chosen, budget), strict=True):
+        fine = next(
+            (t for e, t in own if e.engine == entry.engine and e.options.items() <= entry.options.items()), None
+        )
+        late, early = (fine.late, fine.early) if fine else (None, None)
+        wall, cpu = 1e3 * seconds.T
+        q1, median, q3 = np.percentile(cpu, [25, 50, 75]).tolist()
         rows.append(
-            Row(
-                scene=setup.name,
-                rows=setup.scene.grid.rows,
-                cols=setup.scene.grid.cols,
-                engine=engine,
-                settings=json.dumps(dict(options)),
-                step_ms=1e3 * setup.scene.frame_dt / one.substeps,
+            PeerRow(
+                setup.name,
+                *setup.scene.grid.shape,
+                entry.engine,
+                json.dumps(dict(entry.options)),
+                step_ms=1e3 * setup.scene.frame_dt / substeps,
                 frames=len(cpu),
-                ms_q1=float(q1),
-                ms=float(median),
-                ms_q3=float(q3),
+                ms_q1=q1,
+                ms=median,
+                ms_q3=q3,
                 wall_ms=float(np.median(wall)),
-                early_mm=error_mm(setup, path.early, true.early),
-                late_mm=error_mm(setup, path.late, true.late),
-                own_early_mm=error_mm(setup, path.early, early),
-                own_late_mm=error_mm(setup, path.late, late),
-                lag=lag(setup, path.late, true.late),
-                own_lag=lag(setup, path.late, late),
-                p99=p99(setup, path.late),
+                early_mm=error_mm(setup, trace.early, true.early),
+                late_mm=error_mm(setup, trace.late, true.late),
+                own_early_mm=error_mm(setup, trace.early, early),
+                own_late_mm=error_mm(setup, trace.late, late),
+                lag=lag(setup, trace.late, true.late),
+                own_lag=lag(setup, trace.late, late),
+                p99=p99(setup, trace.late),
                 p99_truth=p99(setup, true.late),
                 floor_early_mm=error_mm(setup, floor.early, true.early),
                 floor_late_mm=error_mm(setup, floor.late, true.late),
-                failure=path.failure,
+                failure=trace.failure,
             )
         )
     return rows
 
 
-def parser() -> argparse.ArgumentParser:
-    top = argparse.ArgumentParser(prog="minicloth bench peers", description=__doc__)
-    top.add_argument("--scenes", default=",".join(NAMES), help="some of " + ", ".join(NAMES))
-    top.add_argument("--quick", action="store_true", help="grids four times coarser, few settings; says so")
-    top.add_argument("--budget", type=float, default=8.0, help="seconds for the runs of one setting (default 8)")
-    top.add_argument("--out", type=Folder, help="folder for peers.csv, peers.json and the chart")
-    return top
+def _version(engine: str) -> str:
+    try:
+        return version(engine.lower())
+    except PackageNotFoundError:
+        return "of unknown version"
 
 
-def main(argv: list[str] | None = None) -> int:
-    given = parser().parse_args(argv)
-    names = [name.strip() for name in given.scenes.split(",")]
-    for name in names:
-        if name not in NAMES:
-            raise ValueError(f"--scenes takes some of {', '.join(NAMES)}, got {name!r}")
+def measure(session: Session) -> None:
+    """Every scene of which something is missing, all of it in one run: its times are to be compared."""
+    for reason in filter(None, map(missing, SETTINGS)):
+        print(f"skipped: {reason}")
     engines = [engine for engine in SETTINGS if not missing(engine)]
-    for engine in SETTINGS:
-        if missing(engine):
-            print(f"skipped: {missing(engine)}")
-    about: dict[str, Any] = {**header(), "quick": given.quick, "threads": 1, "budget_s": given.budget}
-    about |= {"omp_num_threads": os.environ.get("OMP_NUM_THREADS", "unset"), "early_s": EARLY, "late_s": LATE}
-    for engine in engines[1:]:
-        try:
-            about[engine.lower()] = version(engine.lower())
-        except PackageNotFoundError:
-            about[engine.lower()] = "unknown"
-    quick = ", QUICK: coarse grids, few settings" if given.quick else ""
-    versions = ", ".join(f"{engine} {about[engine.lower()]}" for engine in engines[1:])
-    note = f"{about['processor']}, one thread{quick}. {versions}"
-    print(note)
-    rows: list[Row] = []
-    if given.out:
-        given.out.mkdir(parents=True, exist_ok=True)
-    for name in names:
-        setup = peers_scenes.build(name, 4 if given.quick else 1)
-        rows += measure(setup, engines, budget=given.budget, limit=30.0, quick=given.quick)
-        print(table([r for r in rows if r.scene == name]), flush=True)
-        if given.out:
-            write_rows(given.out / "peers.csv", rows)
-    if given.out:
-        (given.out / "peers.json").write_text(json.dumps(about, indent=2))
-        draw(rows, [given.out / f"peers.{kind}" for kind in ("png", "svg")], note=note)
-        print(f"rows in {given.out / 'peers.csv'}")
-    return 0
+    session.about |= {
+        "threads": 1,
+        "engines": ", ".join(f"{engine} {_version(engine)}" for engine in engines if engine != OWN),
+        "budget_s": session.given.budget,
+        "omp_num_threads": os.environ.get("OMP_NUM_THREADS", "unset"),
+        "early_s": EARLY,
+        "late_s": LATE,
+    }
+    store = session.store(STEM)
+    others = [Entry(p.backend, p.options) for p in extra(session.given.backend)]
+    for name in session.scenes:
+        chosen = [*entries(name, engines, quick=session.quick), *others]
+        if not all((name, e.engine, json.dumps(dict(e.options))) in store for e in chosen):
+            setup = build(name, QUICK if session.quick else 1)
+            own = [] if session.quick else own_truths(setup, engines)
+            store.add(*measure_scene(setup, chosen, own, session.given.budget))
+
+
+def _options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--budget", type=float, default=8.0, help="seconds for the runs of one setting (default 8)")
+
+
+BENCHMARK = Benchmark(
+    name=STEM,
+    about="MuJoCo, Taichi and our solvers on the same three scenes, in one run.",
+    files={STEM: RowFile(PeerRow, PEER_KEY)},
+    parts=[Part("Engines", (STEM,), table)],
+    measure=measure,
+    scenes=NAMES,
+    known=NAMES,
+    charts={STEM: "Error against milliseconds a frame, by engine, a panel a scene"},
+    draw=draw,
+    options=_options,
+)

@@ -1,4 +1,4 @@
-"""Three scenes that every engine can run, and what is asked of a run: ``minicloth bench peers``.
+"""Three scenes that every engine can run, and what is asked of a run.
 
 A: a 1.0 x 1.5 m sheet starts horizontal with one 1 m row pinned and swings down. B: a 1.5 x 1.0 m flag, pinned along
 its left column, in a steady wind. C: a 1.0 x 1.5 m sheet falls 5 cm onto a fixed sphere. The material is the default
@@ -9,9 +9,10 @@ meet at 20 degrees.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from itertools import repeat
 from time import perf_counter, process_time
-from typing import Protocol
 
 import numpy as np
 
@@ -23,7 +24,8 @@ from cloth_envs.physics.laws.budget import LEAST_FALL
 from cloth_envs.physics.laws.diagnostics import strain
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
-from training.bench.truth import length, mean_height, vertex_error
+from training.metrics.errors import distances
+from training.rollouts import replay
 
 NAMES = ("A", "B", "C")
 TITLES = {"A": "A: sheet swings down", "B": "B: flag in wind", "C": "C: sheet falls on a sphere"}
@@ -55,14 +57,6 @@ class Setup:
     def frames(self, seconds: float) -> int:
         """Whole frames that reach ``seconds``."""
         return int(np.ceil(seconds / self.scene.frame_dt - 1e-9))
-
-    def state(self, positions: np.ndarray, velocities: np.ndarray | None = None) -> State:
-        """A state of this scene from ``(3, rows, cols)`` arrays."""
-        state = self.start.astype(np.float64)
-        state.positions[0] = positions
-        if velocities is not None:
-            state.velocities[0] = velocities
-        return state
 
 
 def build(name: str, coarse: int = 1) -> Setup:
@@ -99,26 +93,6 @@ def build(name: str, coarse: int = 1) -> Setup:
     return Setup(name, scene, start, rest, controls)
 
 
-class Engine(Protocol):
-    """One simulator set up for one scene.
-
-    Attributes:
-        substeps: steps of a frame. masses: of the vertices, ``(rows, cols)`` [kg].
-    """
-
-    substeps: int
-    masses: np.ndarray
-
-    def reset(self) -> None:
-        """Back to the scene's start."""
-
-    def advance(self) -> tuple[float, float]:
-        """One frame; the wall clock and the processor time [s] that it took."""
-
-    def state(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities now, ``(3, rows, cols)``."""
-
-
 class Stopwatch:
     """Wall clock and processor time [s] of all ``with`` blocks together."""
 
@@ -132,31 +106,58 @@ class Stopwatch:
         self.cpu += process_time() - self._cpu
 
 
-class Own:
-    """A backend of ours as an ``Engine``."""
+class Peer(ABC):
+    """Somebody else's simulator as a backend for the one cloth of a ``Setup``.
 
-    def __init__(self, setup: Setup, backend: Backend) -> None:
-        self._setup, self._backend = setup, backend
-        self.substeps = int(np.max(getattr(backend, "substeps", 1)))
-        self.masses = setup.scene.mass
-        self.reset()
+    Attributes:
+        substeps: steps of a frame.
+        masses: of the vertices, ``(rows, cols)`` [kg].
+        watch: the time that the engine itself took for the last frame.
+    """
 
-    def reset(self) -> None:
-        self._backend.reset(self._setup.start)
+    substeps: int
+    masses: np.ndarray
 
-    def advance(self) -> tuple[float, float]:
-        watch = Stopwatch()
-        with watch:
-            self._backend.advance(self._setup.controls)
-        return watch.wall, watch.cpu
+    def __init__(self, setup: Setup) -> None:
+        self.setup, self.scene, self.watch = setup, setup.scene, Stopwatch()
+        self.memory: dict[str, np.ndarray] = {}
 
-    def state(self) -> tuple[np.ndarray, np.ndarray]:
-        state = self._backend.state
-        return state.positions[0].astype(np.float64), state.velocities[0].astype(np.float64)
+    @abstractmethod
+    def place(self, positions: np.ndarray, velocities: np.ndarray) -> None:
+        """Put the vertices there, both ``(3, rows, cols)``."""
+
+    @abstractmethod
+    def run_frame(self, wind: np.ndarray) -> None:
+        """One frame under ``wind`` ``(1, 3)`` [m/s], what the engine does of it under ``watch``."""
+
+    @abstractmethod
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """Positions and velocities now, ``(3, rows, cols)``."""
+
+    @property
+    def state(self) -> State:
+        """The present state, float64."""
+        state = self.setup.start.astype(np.float64)
+        state.positions[0], state.velocities[0] = self.read()
+        return state
+
+    def reset(self, state: State, materials: object = None, which: object = None) -> None:
+        """Start from ``state``; the material is the scene's."""
+        self.place(state.positions[0], state.velocities[0])
+
+    def recall(self, memory: dict[str, np.ndarray]) -> None:
+        """Nothing decides the future beyond the state."""
+        self.memory = memory
+
+    def advance(self, controls: Controls) -> State:
+        """One frame; pins and bodies stay."""
+        self.watch = Stopwatch()
+        self.run_frame(controls.wind)
+        return self.state
 
 
 @dataclass(frozen=True)
-class Path:
+class Trace:
     """What a run left: states at the early and the late time (None after a failure), and every frame's wall clock and
     processor time ``(frames, 2)`` [s].
     """
@@ -167,17 +168,17 @@ class Path:
     failure: str
 
 
-def follow(setup: Setup, engine: Engine, *, seconds: float = LATE, limit: float = np.inf) -> Path:
+def follow(setup: Setup, engine: Backend, *, seconds: float = LATE, limit: float = np.inf) -> Trace:
     """Run ``engine`` from the start for ``seconds`` of the scene, or until it has taken ``limit`` seconds of ours."""
-    engine.reset()
     failures, before = Failures(setup.scene), setup.start.astype(np.float64)
-    early, late = setup.frames(EARLY), setup.frames(LATE)
     kept: dict[int, State] = {}
     times: list[tuple[float, float]] = []
     failure = ""
-    for frame in range(1, setup.frames(seconds) + 1):
-        times.append(engine.advance())
-        state = setup.state(*engine.state())
+    frames = replay(engine, setup.start, repeat(setup.controls, setup.frames(seconds)))
+    for frame, (state, taken) in enumerate(frames, 1):
+        watch = engine.watch if isinstance(engine, Peer) else taken
+        times.append((watch.wall, watch.cpu))
+        state = state.astype(np.float64)
         failure = failures.check(before, state)[0] or ""
         if not failure and sum(wall for wall, _ in times) > limit:
             failure = f"stopped after {limit:g} s,"
@@ -185,23 +186,24 @@ def follow(setup: Setup, engine: Engine, *, seconds: float = LATE, limit: float 
             failure += f" at frame {frame}"
             break
         kept[frame] = before = state
-    return Path(kept.get(early), kept.get(late), np.array(times), failure)
+    return Trace(kept.get(setup.frames(EARLY)), kept.get(setup.frames(LATE)), np.array(times), failure)
 
 
 def error_mm(setup: Setup, state: State | None, truth: State | None) -> float:
     """Mean distance of the vertices [mm]; NaN where one is missing."""
     if state is None or truth is None:
         return float("nan")
-    return 1e3 * length(setup.scene) * vertex_error(setup.scene, state, truth)
+    return 1e3 * float(distances(state.positions[0], truth.positions[0]).mean())
 
 
 def lag(setup: Setup, state: State | None, truth: State | None) -> float:
     """Part of the truth's way by which the mean height stays behind (negative: ahead)."""
     if state is None or truth is None:
         return float("nan")
-    begin, end = mean_height(setup.scene, setup.start), mean_height(setup.scene, truth)
-    way = max(abs(end - begin), LEAST_FALL * length(setup.scene))
-    return (mean_height(setup.scene, state) - end) * float(np.sign(begin - end)) / way
+    areas = setup.scene.grid.areas
+    begin, now, end = (np.average(s.positions[0, 2], weights=areas) for s in (setup.start, state, truth))
+    way = max(abs(end - begin), LEAST_FALL * setup.scene.grid.length)
+    return float((now - end) * np.sign(begin - end) / way)
 
 
 def p99(setup: Setup, state: State | None) -> float:

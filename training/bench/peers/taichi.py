@@ -1,4 +1,4 @@
-"""Taichi in ``minicloth bench peers``: the same springs, explicit and by XPBD, in plain kernels of our own.
+"""Taichi as a peer: the same springs, explicit and by XPBD, in plain kernels of our own.
 
 The explicit one gathers the forces of a vertex from its twelve neighbours, as tutorials do; whole frames run in one
 serial kernel over arrays of structures, the fastest of the four ways tried on one thread (parallel or serial, arrays
@@ -7,6 +7,7 @@ of structures or structures of arrays). Annotations of kernels must be real obje
 
 import math
 import os
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,23 +18,24 @@ import taichi as ti
 
 from cloth_envs.physics.explicit.stability import stable_step
 from cloth_envs.physics.laws.stencil import edges
-from training.bench.peers.scenes import Setup, Stopwatch
+from cloth_envs.scene import Wind
+from training.bench.peers.scenes import Peer, Setup
 
-METHODS = ("explicit", "xpbd")
 PAD = 2  # vertices of no stiffness around the grid: no neighbour is missing
-_started = False
+# Of a cell, both diagonals, by (row, column) from its first corner.
+TRIANGLES = (
+    ((0, 0), (1, 0), (1, 1)), ((0, 0), (1, 1), (0, 1)), ((0, 0), (1, 0), (0, 1)), ((1, 0), (1, 1), (0, 1)),
+)  # fmt: skip
 
 
+@cache
 def start() -> None:
     """Taichi on one thread, once a process."""
-    global _started
-    if not _started:
-        ti.init(arch=ti.cpu, cpu_max_num_threads=1, default_fp=ti.f32, log_level=ti.ERROR)
-        _started = True
+    ti.init(arch=ti.cpu, cpu_max_num_threads=1, default_fp=ti.f32, log_level=ti.ERROR)
 
 
 @ti.data_oriented
-class TaichiCloth:
+class TaichiCloth(Peer):
     """``method`` is ``"explicit"`` (symplectic Euler) or ``"xpbd"`` (Macklin et al. 2016, ``iterations`` a substep).
 
     Args:
@@ -44,30 +46,24 @@ class TaichiCloth:
     def __init__(
         self, setup: Setup, method: str = "explicit", refine: float = 1, substeps: int = 1, iterations: int = 1
     ) -> None:
+        super().__init__(setup)
         start()
-        scene, grid = setup.scene, setup.scene.grid
-        material = scene.material
-        self._setup, self.method, self.iterations = setup, method, iterations
+        scene, grid, material = setup.scene, setup.scene.grid, setup.scene.material
+        self.method, self.iterations = method, iterations
         if method == "explicit":
             substeps = math.ceil(math.ceil(scene.frame_dt / stable_step(scene, material)) * refine)
-        self.substeps, self.masses = substeps, scene.mass
-        self.rows, self.cols = grid.shape
+        (self.rows, self.cols), self.substeps, self.masses = grid.shape, substeps, scene.mass
         a, b = grid.row_spacing, grid.col_spacing
         # (row, column, class of the spring, rest length) of the neighbour at the far end of a vertex's own springs.
         self.own = ((0, 1, 0, b), (1, 0, 1, a), (1, 1, 2, grid.diagonal), (1, -1, 3, grid.diagonal))
         self.damping = material.damping
         self.gravity, self.drag = scene.gravity, material.drag if scene.drag else 0.0
-        air = scene.wind
-        self.windy = air is not None
-        self.normal = air.air_density * air.normal if air else 0.0
-        self.tangential = air.air_density * air.tangential if air else 0.0
+        self.windy, air = scene.wind is not None, scene.wind or Wind()
+        self.normal, self.tangential = air.air_density * air.normal, air.air_density * air.tangential
         body = scene.colliders[0] if scene.colliders else None
         self.body = body is not None
-        self.radius = body.radius + scene.thickness if body else 0.0
-        self.friction = body.friction if body else 0.0
-
+        self.radius, self.friction = (body.radius + scene.thickness, body.friction) if body else (0.0, 0.0)
         shape = (self.rows + 2 * PAD, self.cols + 2 * PAD)
-        inside = (slice(PAD, -PAD),) * 2
         self.x, self.v, self.f, self.old = (ti.Vector.field(3, ti.f32, shape=shape) for _ in range(4))
         self.k, self.multiplier = (ti.Vector.field(4, ti.f32, shape=shape) for _ in range(2))
         self.g = ti.Vector.field(2, ti.f32, shape=shape)
@@ -81,39 +77,34 @@ class TaichiCloth:
         areas = grid.areas
         bends[PAD:-PAD, PAD + 1 : -PAD - 1, 0] = (material.bend_stiffness * areas / b**4)[:, 1:-1]
         bends[PAD + 1 : -PAD - 1, PAD:-PAD, 1] = (material.bend_stiffness * areas / a**4)[1:-1]
-        inverse = np.zeros(shape, np.float32)
-        inverse[inside] = np.where(setup.pins, 0, 1 / self.masses)
+        inverse = np.pad(np.where(setup.pins, 0, 1 / self.masses), PAD).astype(np.float32)
         # Padding needs a place of its own: a spring of no stiffness must still have a length.
         padded = np.zeros((*shape, 3), np.float32)
         padded[..., 0], padded[..., 1] = np.arange(shape[1]), np.arange(shape[0])[:, None]
-        padded[inside] = np.moveaxis(setup.start.positions[0], 0, -1)
-        self._begin = padded
-        self.k.from_numpy(springs)
-        self.g.from_numpy(bends)
-        self.inverse.from_numpy(inverse)
-        self.reset()
-        self.advance()  # compiles
-        self.reset()
+        self._padded = padded
+        for field, values in ((self.k, springs), (self.g, bends), (self.inverse, inverse)):
+            field.from_numpy(values)
+        self.reset(setup.start)
+        self.advance(setup.controls)  # compiles
+        self.reset(setup.start)
 
-    def reset(self) -> None:
-        self.x.from_numpy(self._begin)
-        self.v.fill(0)
+    def place(self, positions: np.ndarray, velocities: np.ndarray) -> None:
+        for field, empty, values in ((self.x, self._padded, positions), (self.v, 0 * self._padded, velocities)):
+            empty[PAD:-PAD, PAD:-PAD] = np.moveaxis(values, 0, -1)
+            field.from_numpy(empty)
 
-    def advance(self) -> tuple[float, float]:
-        h = self._setup.scene.frame_dt / self.substeps
+    def run_frame(self, wind: np.ndarray) -> None:
+        h = self.scene.frame_dt / self.substeps
         decay = math.exp(-self.drag * h)
         push = h if self.drag == 0 else (1 - decay) / self.drag
         frame: Any = self.explicit if self.method == "explicit" else self.xpbd
-        watch = Stopwatch()
-        with watch:
-            frame(self.substeps, h, decay, push, *self._setup.controls.wind[0])
+        with self.watch:
+            frame(self.substeps, h, decay, push, *wind[0])
             ti.sync()
-        return watch.wall, watch.cpu
 
-    def state(self) -> tuple[np.ndarray, np.ndarray]:
-        inside = (slice(PAD, -PAD),) * 2
-        x, v = (np.moveaxis(field.to_numpy()[inside], -1, 0).astype(np.float64) for field in (self.x, self.v))
-        return x, v
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        x, v = (field.to_numpy()[PAD:-PAD, PAD:-PAD].astype(np.float64) for field in (self.x, self.v))
+        return np.moveaxis(x, -1, 0), np.moveaxis(v, -1, 0)
 
     @ti.func
     def internal(self, i, j):  # type: ignore[no-untyped-def]
@@ -123,8 +114,7 @@ class TaichiCloth:
         for di, dj, kind, rest in ti.static(self.own):
             for side in ti.static((1, -1)):
                 k = self.k[i, j][kind] if ti.static(side == 1) else self.k[i - di, j - dj][kind]
-                d = self.x[i + side * di, j + side * dj] - x
-                w = self.v[i + side * di, j + side * dj] - v
+                d, w = self.x[i + side * di, j + side * dj] - x, self.v[i + side * di, j + side * dj] - v
                 r = 1.0 / ti.sqrt(d.dot(d))
                 force += (k * (1.0 - rest * r + self.damping * d.dot(w) * r * r)) * d
         for di, dj, kind in ti.static(((0, 1, 0), (1, 0, 1))):
@@ -139,14 +129,7 @@ class TaichiCloth:
         """Wejchert & Haumann 1991 on the triangles of both diagonals, each with half its force, added to ``f``."""
         for i in range(PAD, PAD + self.rows - 1):
             for j in range(PAD, PAD + self.cols - 1):
-                for p, q, r in ti.static(
-                    (
-                        ((0, 0), (1, 0), (1, 1)),
-                        ((0, 0), (1, 1), (0, 1)),
-                        ((0, 0), (1, 0), (0, 1)),
-                        ((1, 0), (1, 1), (0, 1)),
-                    )
-                ):
+                for p, q, r in ti.static(TRIANGLES):
                     a, b, c = (i + p[0], j + p[1]), (i + q[0], j + q[1]), (i + r[0], j + r[1])
                     normal = (self.x[b] - self.x[a]).cross(self.x[c] - self.x[a])
                     twice = ti.sqrt(normal.dot(normal)) + 1e-20
@@ -167,8 +150,7 @@ class TaichiCloth:
         size = ti.sqrt(x.dot(x))
         if size < self.radius:
             n = x / size
-            speed = n.dot(v)
-            stop = ti.max(-speed, 0.0)
+            speed, stop = n.dot(v), ti.max(-n.dot(v), 0.0)
             slide = v - speed * n
             hold = ti.min(self.friction * stop / (ti.sqrt(slide.dot(slide)) + 1e-20), 1.0)
             x = x + (self.radius - size) * n - h * hold * slide
@@ -195,39 +177,49 @@ class TaichiCloth:
                         self.x[i, j] = x
                         self.v[i, j] = v
 
+    @ti.func
+    def predict(self, wind, h, decay, push):  # type: ignore[no-untyped-def]
+        """Where gravity, drag and wind alone would take the vertices; multipliers begin at zero."""
+        if ti.static(self.windy):
+            for i in range(PAD, PAD + self.rows):
+                for j in range(PAD, PAD + self.cols):
+                    self.f[i, j] = ti.Vector([0.0, 0.0, 0.0])
+            self.air(wind)
+        for i in range(PAD, PAD + self.rows):
+            for j in range(PAD, PAD + self.cols):
+                self.old[i, j] = self.x[i, j]
+                w = self.inverse[i, j]
+                if w > 0.0:
+                    pull = ti.Vector([0.0, 0.0, -self.gravity])
+                    if ti.static(self.windy):
+                        pull += self.f[i, j] * w
+                    self.x[i, j] = self.x[i, j] + h * (self.v[i, j] * decay + pull * push)
+                self.multiplier[i, j] = ti.Vector([0.0, 0.0, 0.0, 0.0])
+                self.bend[i, j] = ti.Matrix([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+
+    @ti.func
+    def finish(self, h):  # type: ignore[no-untyped-def]
+        """Velocities from the way that the vertices went, and contact."""
+        for i in range(PAD, PAD + self.rows):
+            for j in range(PAD, PAD + self.cols):
+                if self.inverse[i, j] > 0.0:
+                    x = self.x[i, j]
+                    v = (x - self.old[i, j]) / h
+                    if ti.static(self.body):
+                        x, v = self.contact(x, v, h)
+                    self.x[i, j] = x
+                    self.v[i, j] = v
+
     @ti.kernel
     def xpbd(self, n: ti.i32, h: ti.f32, decay: ti.f32, push: ti.f32, wx: ti.f32, wy: ti.f32, wz: ti.f32):  # type: ignore[no-untyped-def]
         ti.loop_config(serialize=True)
         for _substep in range(n):
-            if ti.static(self.windy):
-                for i in range(PAD, PAD + self.rows):
-                    for j in range(PAD, PAD + self.cols):
-                        self.f[i, j] = ti.Vector([0.0, 0.0, 0.0])
-                self.air(ti.Vector([wx, wy, wz]))
-            for i in range(PAD, PAD + self.rows):
-                for j in range(PAD, PAD + self.cols):
-                    self.old[i, j] = self.x[i, j]
-                    w = self.inverse[i, j]
-                    if w > 0.0:
-                        pull = ti.Vector([0.0, 0.0, -self.gravity])
-                        if ti.static(self.windy):
-                            pull += self.f[i, j] * w
-                        self.x[i, j] = self.x[i, j] + h * (self.v[i, j] * decay + pull * push)
-                    self.multiplier[i, j] = ti.Vector([0.0, 0.0, 0.0, 0.0])
-                    self.bend[i, j] = ti.Matrix([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+            self.predict(ti.Vector([wx, wy, wz]), h, decay, push)
             for _iteration in range(self.iterations):
                 for i in range(PAD, PAD + self.rows):
                     for j in range(PAD, PAD + self.cols):
                         self.project(i, j, h)
-            for i in range(PAD, PAD + self.rows):
-                for j in range(PAD, PAD + self.cols):
-                    if self.inverse[i, j] > 0.0:
-                        x = self.x[i, j]
-                        v = (x - self.old[i, j]) / h
-                        if ti.static(self.body):
-                            x, v = self.contact(x, v, h)
-                        self.x[i, j] = x
-                        self.v[i, j] = v
+            self.finish(h)
 
     @ti.func
     def project(self, i, j, h):  # type: ignore[no-untyped-def]

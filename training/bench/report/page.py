@@ -8,6 +8,7 @@ from html import escape
 from pathlib import Path
 
 PICTURES = {".png": "image/png", ".svg": "image/svg+xml"}  # suffix -> kind, the preferred first
+SHORT = 64  # lines of text that are shown without a click
 STYLE = """
 :root { color-scheme: light dark; --ink: #1b1f24; --soft: #5b6570; --line: #d5dae0; --paper: #fff; --block: #f5f7f9 }
 @media (prefers-color-scheme: dark) {
@@ -35,10 +36,12 @@ POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 
 def paragraph(text: str, kind: str = "") -> str:
+    """One paragraph, of a class of ``STYLE`` if ``kind`` names it."""
     return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
 
 
 def items(lines: Sequence[str]) -> str:
+    """A list with bullets."""
     return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
 
 
@@ -63,6 +66,12 @@ def table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> 
 def fold(summary: str, body: str, *, opened: bool = False) -> str:
     """``body`` (HTML) under a line that opens and closes it."""
     return f"<details{' open' * opened}><summary>{escape(summary)}</summary>{body}</details>"
+
+
+def text(lines: str) -> str:
+    """Text as ``pre`` has it; more than ``SHORT`` lines wait for a click."""
+    count = lines.strip("\n").count("\n") + 1
+    return fold(f"{count} lines", pre(lines), opened=count <= SHORT)
 
 
 def picture(path: Path, alt: str) -> str:

@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
+from training.bench.benchmark import Part
 from training.bench.participants import FLOOR, ORACLE, label
 from training.bench.report import page
+from training.bench.speed_accuracy import rows as speed_accuracy
+from training.bench.speed_accuracy import speedup
 from training.bench.speed_accuracy.chart import OVERVIEW_FRAMES as FRAMES
-from training.bench.speed_accuracy.rows import GATE, Summary, front
-from training.bench.speed_accuracy.speedup import FITTED, SpeedUp
-from training.bench.speed_accuracy.speedup import table as speedup_table
-from training.bench.stability.rows import Cell, marks
+from training.bench.speed_accuracy.rows import GATE, SpeedAccuracyRow, front
+from training.bench.speed_accuracy.speedup import FITTED, SpeedUpRow
+from training.bench.stability import rows as stability
+from training.bench.stability.rows import StabilityRow, marks
 from training.bench.stability.worlds import AXES
 
 
-def scenes(rows: Sequence[Summary]) -> str:
+def shown(part: Part, rows: Sequence[Sequence[Any]]) -> str:
+    """HTML of the rows of a part's files: a table of ``SHORTER``, or else what the benchmark prints."""
+    return SHORTER[part.show](*rows) if part.show in SHORTER else page.text(part.show(*rows))
+
+
+def scenes(rows: Sequence[SpeedAccuracyRow]) -> str:
     """A table a scene: who is how fast and how close after ``FRAMES`` frames, the fastest first."""
     out = []
     for scene in dict.fromkeys(r.scene for r in rows):
@@ -42,12 +51,12 @@ def scenes(rows: Sequence[Summary]) -> str:
     return "\n".join(out)
 
 
-def learned(found: Sequence[SpeedUp]) -> str:
+def learned(found: Sequence[SpeedUpRow]) -> str:
     """Speed-ups at equal error after ``FRAMES`` frames of methods that are no baseline themselves."""
-    return page.pre(speedup_table([f for f in found if f.frames == FRAMES and f.family not in FITTED]))
+    return page.pre(speedup.table([f for f in found if f.frames == FRAMES and f.family not in FITTED]))
 
 
-def survived(rows: Sequence[Cell]) -> str:
+def survived(rows: Sequence[StabilityRow]) -> str:
     """Which part of its runs a method survived, and passed, along each axis; rounded down."""
     found = marks(rows)
     axes = [axis for axis in AXES if any(key[0] == axis for key in found)]
@@ -69,3 +78,11 @@ def survived(rows: Sequence[Cell]) -> str:
 
 def _short(value: float) -> str:
     return f"{value:.3g}" if math.isfinite(value) else "-"
+
+
+# What a benchmark prints -> a shorter form of it.
+SHORTER: Mapping[Callable[..., str], Callable[..., str]] = {
+    speed_accuracy.table: scenes,
+    speedup.table: learned,
+    stability.table: lambda rows: survived(rows) + page.text(stability.table(rows)),
+}

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cloth_envs.style import GRID, INK, import_figure, limits
+from cloth_envs.style import COLORS, INK, limits
+from training.bench.charts import SHADE, SOFT, dress, grid, legend, save
 from training.bench.participants import FLOOR, ORACLE
-from training.bench.speed_accuracy.rows import Summary, factor_of, front
+from training.bench.speed_accuracy.rows import SpeedAccuracyRow, factor_of, front
 
-WIDTH, COLUMNS, PANEL = 7.2, 2, 2.55  # inches: the width of a page, and the height of a panel
-SHADE, SOFT, YELLOW = "#b9c2c9", "#66727c", "#f6e8b1"
+YELLOW = "#f6e8b1"
 MOST = 120.0  # % of the length; what is farther off is not drawn
 OVERVIEW_FRAMES = 5
 
@@ -51,11 +50,19 @@ CURVES = {
     "coarse bilinear": Curve("coarse + bilinear", "#8a6d1f", "1", ":", True),
     "coarse biquadratic": Curve("coarse + biquadratic", "#8a6d1f", "2", ":", True),
 }
+ORDER = [curve.name for curve in CURVES.values()]
+STEM, ERROR = "speed_accuracy", "mean vertex error [% of length]"
 LINES = {"repeat last frame": "last frame again", "constant velocity": "constant velocity"}
 LABELLED = ("miniature similar",)  # whose points tell their grid factor
 
 
-def _curve(axes: Any, curve: Curve, rows: Sequence[Summary], value: str) -> Any:
+def curves(rows: Sequence[SpeedAccuracyRow]) -> dict[str, Curve]:
+    """``CURVES``, and one for every family that is not among them: what ``--backend`` named."""
+    others = dict.fromkeys(r.family for r in rows if r.family not in (*CURVES, *LINES, ORACLE, FLOOR))
+    return CURVES | {name: Curve(name, COLORS[i % len(COLORS)], "X", "-.") for i, name in enumerate(others)}
+
+
+def _curve(axes: Any, curve: Curve, rows: Sequence[SpeedAccuracyRow], value: str) -> Any:
     """Points of one family joined in the order of their time; returns its entry of the legend."""
     from matplotlib.lines import Line2D
 
@@ -76,23 +83,24 @@ def _curve(axes: Any, curve: Curve, rows: Sequence[Summary], value: str) -> Any:
     return Line2D([], [], **look, **dot)
 
 
-def panel(axes: Any, rows: Sequence[Summary], *, value: str = "error") -> dict[str, Any]:
+def panel(axes: Any, rows: Sequence[SpeedAccuracyRow], *, value: str = "error") -> dict[str, Any]:
     """Draw one scene at one horizon (``value="error"``) or its long runs (``"long"``); returns the legend's entries."""
+    looks = curves(rows)
     rows = [r for r in rows if 0 < getattr(r, value) <= MOST or (value == "long" and getattr(r, value) > 0)]
-    shown = [r for r in rows if r.family in CURVES and np.isfinite(r.ms_median)]
+    shown = [r for r in rows if r.family in looks and np.isfinite(r.ms_median)]
     axes.set_xscale("log")
     axes.set_yscale("log")
     handles: dict[str, Any] = {}
     if not shown:
         axes.text(0.5, 0.5, "no rows", transform=axes.transAxes, ha="center", color=SOFT, fontsize=8)
         return handles
-    for family, curve in CURVES.items():
+    for family, curve in looks.items():
         mine = sorted((r for r in shown if r.family == family), key=lambda r: r.ms_median)
         if mine:
             handles[curve.name] = _curve(axes, curve, mine, value)
     longs = [r.long for r in rows if r.family == FLOOR]
     floor = max([r.floor for r in rows] if value == "error" else longs, default=np.nan)
-    values = [getattr(r, value) for r in rows if r.family in CURVES or r.family in LINES]
+    values = [getattr(r, value) for r in rows if r.family in looks or r.family in LINES]
     oracle = [r for r in rows if r.family == ORACLE and '"bicubic"' in r.options] if value == "error" else []
     low = min([*values, *(getattr(r, value) for r in oracle)])
     bottom, top = limits(low, max(values), 0.06)
@@ -111,7 +119,7 @@ def panel(axes: Any, rows: Sequence[Summary], *, value: str = "error") -> dict[s
     return handles
 
 
-def _beside(axes: Any, rows: Sequence[Summary], oracle: Sequence[Summary], value: str) -> None:
+def _beside(axes: Any, rows: Sequence[SpeedAccuracyRow], oracle: Sequence[SpeedAccuracyRow], value: str) -> None:
     """What has no place on the axis of time: extrapolations and the oracle as lines, and the labels of factors."""
     from matplotlib.patheffects import withStroke
 
@@ -140,18 +148,6 @@ def _beside(axes: Any, rows: Sequence[Summary], oracle: Sequence[Summary], value
         )  # fmt: skip
 
 
-def dress(axes: Any, title: str) -> None:
-    axes.set_title(title, loc="left", fontsize=9, fontweight="bold", color=INK, pad=4)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(lambda value, _: f"{value:g}")
-        axis.set_minor_formatter(lambda value, _: "")
-    axes.grid(True, which="major", color=GRID, lw=0.7)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.tick_params(colors=INK, which="both", labelsize=7.5)
-    axes.tick_params(which="minor", length=1.5)
-
-
 NOTE = (
     "Lower left is better. Yellow: the front. Bars: quartiles of the time. Hollow: the mean height is off by over 5 % "
     "of its way. Cross: some windows failed, mean of the others. \u00d72: grid factor. Ticks at the left edge: the "
@@ -159,42 +155,11 @@ NOTE = (
 )
 
 
-def finish(figure: Any, note: str, paths: Sequence[Path]) -> None:
-    """The note below the panels, then the files."""
-    figure.supxlabel("wall-clock time of a simulated frame, one thread [ms]", fontsize=8.5, color=INK)
-    text = "\n".join(textwrap.wrap(note, 140))
-    figure.text(0.01, -0.01, text, fontsize=7, color=SOFT, va="top", ha="left", linespacing=1.35)
-    for path in paths:
-        figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.1, facecolor="white")
-
-
-def legend(place: Any, handles: dict[str, Any], where: str, columns: int) -> None:
-    """What the curves are, in the order of ``CURVES``, on a figure or in an empty panel."""
-    ordered = [curve.name for curve in CURVES.values() if curve.name in handles]
-    place.legend(
-        [handles[name] for name in ordered], ordered, loc=where, ncols=columns, frameon=False, fontsize=7.5,
-        handlelength=3, columnspacing=1.6, labelspacing=0.6, labelcolor=INK,
-    )  # fmt: skip
-
-
-def grid(count: int) -> tuple[Any, list[Any]]:
-    """A figure as wide as a page and at least ``count`` panels."""
-    high = -(-count // COLUMNS)
-    figure = import_figure()(figsize=(WIDTH, PANEL * high + 0.5), layout="constrained")
-    figure.get_layout_engine().set(hspace=0.04, wspace=0.04)
-    panels = figure.subplots(high, COLUMNS, squeeze=False).ravel().tolist()
-    for axes in panels[count:]:
-        axes.set_axis_off()
-    for axes in panels[:count:COLUMNS]:
-        axes.set_ylabel("mean vertex error [% of length]", fontsize=7.5, color=INK)
-    return figure, panels
-
-
-def scene(rows: Sequence[Summary], name: str, paths: Sequence[Path], *, setup: str) -> None:
+def scene(rows: Sequence[SpeedAccuracyRow], name: str, folder: Path, *, setup: str) -> None:
     """A panel a horizon, and one for the statistics of long runs."""
     mine = [r for r in rows if r.scene == name]
     horizons = sorted({r.frames for r in mine})
-    figure, panels = grid(len(horizons) + 1)
+    figure, panels = grid(len(horizons) + 1, ERROR)
     handles: dict[str, Any] = {}
     for axes, frames in zip(panels, horizons, strict=False):
         handles |= panel(axes, [r for r in mine if r.frames == frames])
@@ -204,19 +169,33 @@ def scene(rows: Sequence[Summary], name: str, paths: Sequence[Path], *, setup: s
     dress(long, f"{name}, long runs")
     long.set_ylabel("distance of the statistics [%]", fontsize=7.5, color=INK)
     if len(panels) > len(horizons) + 1:
-        legend(panels[-1], handles, "center left", 1)
+        legend(panels[-1], handles, ORDER, "center left", 1)
     else:
-        legend(figure, handles, "outside upper center", 3)
-    finish(figure, f"{setup}. {NOTE}", paths)
+        legend(figure, handles, ORDER, "outside upper center", 3)
+    _finish(figure, f"{STEM}_{name.lower()}", folder, setup)
 
 
-def overview(rows: Sequence[Summary], paths: Sequence[Path], *, setup: str, frames: int = OVERVIEW_FRAMES) -> None:
+def overview(rows: Sequence[SpeedAccuracyRow], folder: Path, *, setup: str, frames: int = OVERVIEW_FRAMES) -> None:
     """A panel a scene, at one horizon."""
     names = list(dict.fromkeys(r.scene for r in rows))
-    figure, panels = grid(len(names))
+    figure, panels = grid(len(names), ERROR)
     handles: dict[str, Any] = {}
     for axes, name in zip(panels, names, strict=False):
         handles |= panel(axes, [r for r in rows if (r.scene, r.frames) == (name, frames)])
         dress(axes, f"{name}, after {frames} frames")
-    legend(figure, handles, "outside upper center", 3)
-    finish(figure, f"{setup}. {NOTE}", paths)
+    legend(figure, handles, ORDER, "outside upper center", 3)
+    _finish(figure, STEM, folder, setup)
+
+
+def _finish(figure: Any, stem: str, folder: Path, setup: str) -> None:
+    figure.supxlabel("wall-clock time of a simulated frame, one thread [ms]", fontsize=8.5, color=INK)
+    save(figure, f"{setup}. {NOTE}", folder, stem)
+
+
+def draw(rows: Mapping[str, Sequence[SpeedAccuracyRow]], folder: Path, setup: str) -> None:
+    """One chart a scene, and one of all scenes after 5 frames."""
+    found = rows.get(STEM, [])
+    for name in dict.fromkeys(row.scene for row in found):
+        scene(found, name, folder, setup=setup)
+    if found:
+        overview(found, folder, setup=setup)

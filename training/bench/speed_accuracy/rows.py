@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from training.bench.measure import MEASURED, Long, Score
+from training.bench.clock import CostRow
+from training.bench.measure import MEASURED, ErrorRow
 from training.bench.participants import FLOOR, ORACLE, label
-from training.bench.speed_accuracy.cost import Cost
-from training.bench.windows import rounded
+from training.bench.speed_accuracy.long import LongRow
+from training.rows import rounded
 
 TIMES = ("ms_q1", "ms_median", "ms_q3", "ms_best", "upscale_ms")
 GATE = 0.05  # of the way that the mean height goes
@@ -21,7 +22,7 @@ CHEAPER = {2: 4.0, 4: 20.0}  # grid factor -> how much cheaper than the referenc
 
 
 @dataclass(frozen=True)
-class Summary:
+class SpeedAccuracyRow:
     """A method after ``frames``: time of a frame [ms], errors [% of the cloth's length] as mean, least and largest of
     the seeds, and the means of the other metrics.
 
@@ -81,9 +82,9 @@ def mean(values: Sequence[float]) -> float:
     return float(np.mean(known)) if known else float("nan")
 
 
-def summaries(scores: Sequence[Score], costs: Sequence[Cost], longs: Sequence[Long]) -> list[Summary]:
+def summaries(scores: Sequence[ErrorRow], costs: Sequence[CostRow], longs: Sequence[LongRow]) -> list[SpeedAccuracyRow]:
     """One row for each scene, method and horizon."""
-    groups: dict[tuple[str, str, str, int], list[Score]] = {}
+    groups: dict[tuple[str, str, str, int], list[ErrorRow]] = {}
     for s in scores:
         groups.setdefault((s.scene, s.family, s.options, s.frames), []).append(s)
     errors = {key: mean([s.error_mean for s in mine]) for key, mine in groups.items()}
@@ -98,20 +99,17 @@ def summaries(scores: Sequence[Score], costs: Sequence[Cost], longs: Sequence[Lo
              if (s, f, h) == (scene, BASELINE, frames) and factor_of(o) == factor_of(options)), np.nan,
         )  # fmt: skip
         own = [s.error_mean for s in mine if not np.isnan(s.error_mean)] or [float("nan")]
-        means = {n: mean([getattr(s, n) for s in mine]) for n in MEASURED if n in Summary.__dataclass_fields__}
+        means = {n: mean([getattr(s, n) for s in mine]) for n in MEASURED if n in SpeedAccuracyRow.__dataclass_fields__}
         failed = [s.failure.split(" of ", 1) for s in mine if s.failure]
         bad, windows = sum(int(count) for count, _ in failed), sum(s.windows for s in mine)
         gates = [r.gate for r in runs if not np.isnan(r.gate)]
-        row = Summary(
+        row = SpeedAccuracyRow(
             scene=scene,
             family=family,
             options=options,
             frames=frames,
             windows=windows,
-            **{
-                n: getattr(time, n) if time else np.nan
-                for n in ("ms_q1", "ms_median", "ms_q3", "ms_best", "upscale_ms")
-            },
+            **{n: getattr(time, n) if time else np.nan for n in TIMES},
             error=errors[scene, family, options, frames],
             error_low=min(own),
             error_high=max(own),
@@ -126,7 +124,7 @@ def summaries(scores: Sequence[Score], costs: Sequence[Cost], longs: Sequence[Lo
     return out
 
 
-def front(rows: Sequence[Summary], value: str = "error") -> list[Summary]:
+def front(rows: Sequence[SpeedAccuracyRow], value: str = "error") -> list[SpeedAccuracyRow]:
     """The rows that nothing passing is both faster and closer than; errors below the chaos floor count as that."""
     best, out = np.inf, []
     for row in sorted(rows, key=lambda r: (r.ms_median, r.error)):
@@ -137,14 +135,14 @@ def front(rows: Sequence[Summary], value: str = "error") -> list[Summary]:
     return out
 
 
-def table(rows: Sequence[Summary]) -> str:
+def table(rows: Sequence[SpeedAccuracyRow]) -> str:
     """Errors after every horizon, one line a method. An error in brackets is below the chaos floor."""
     lines = []
     horizons = sorted({r.frames for r in rows})
     for scene in dict.fromkeys(r.scene for r in rows):
         mine = {(r.family, r.options, r.frames): r for r in rows if r.scene == scene}
         heads = "".join(f"{f'{h} fr.':>10s}" for h in horizons)
-        lines.append(f"\n{scene:46s}{'ms (quartiles)':>22s}{heads}{'gate':>7s}{'long':>8s}")
+        lines.append(f"{scene:46s}{'ms (quartiles)':>22s}{heads}{'gate':>7s}{'long':>8s}")
         for family, options in dict.fromkeys((f, o) for f, o, _ in mine):
             found = [mine[family, options, h] for h in horizons if (family, options, h) in mine]
             r = found[-1]
@@ -158,11 +156,9 @@ def table(rows: Sequence[Summary]) -> str:
     return "\n".join(lines)
 
 
-def claims(rows: Sequence[Summary], frames: int = 5) -> str:
+def claims(rows: Sequence[SpeedAccuracyRow], frames: int = 5) -> str:
     """What issue and design ask of the miniature, with the figures."""
-    lines = [
-        f"\nMiniature, error after {frames} frames and time against explicit at full resolution (upscaling included)"
-    ]
+    lines = []
     at = {(r.scene, r.family, r.options): r for r in rows if r.frames == frames}
     wins: dict[float, int] = {}
     for scene in dict.fromkeys(r.scene for r in rows):

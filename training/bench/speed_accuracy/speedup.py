@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from training.bench.participants import label
-from training.bench.speed_accuracy.rows import Summary, front
-from training.bench.windows import rounded
+from training.bench.participants import FAMILIES, FLOOR, label
+from training.bench.speed_accuracy.rows import SpeedAccuracyRow, front
+from training.rows import rounded
 
 FRAMES = (5, 10)
 SOLVERS = ("explicit", "admm", "admm substeps", "implicit", "implicit substeps")
@@ -34,7 +34,7 @@ METHODS = (
 
 
 @dataclass(frozen=True)
-class SpeedUp:
+class SpeedUpRow:
     """A method against the front of ``baselines``: ``speedup`` over the cheapest measured setting with at most its
     error, ``interpolated`` over the front drawn through; over 1 the method is faster.
 
@@ -57,12 +57,12 @@ class SpeedUp:
     interpolated: float
 
 
-def counted(row: Summary) -> float:
+def counted(row: SpeedAccuracyRow) -> float:
     """Its error, or the chaos floor where that is larger."""
     return max(row.error, row.floor) if row.floor > 0 else row.error
 
 
-def against(row: Summary, rows: Sequence[Summary], baselines: str) -> SpeedUp:
+def against(row: SpeedAccuracyRow, rows: Sequence[SpeedAccuracyRow], baselines: str) -> SpeedUpRow:
     """``row`` beside those of ``rows`` of the same scene and horizon that are ``baselines``."""
     rivals = [r for r in rows if (r.scene, r.frames) == (row.scene, row.frames) and r.family in BASELINES[baselines]]
     if not row.passes:
@@ -79,29 +79,30 @@ def against(row: Summary, rows: Sequence[Summary], baselines: str) -> SpeedUp:
         x = np.log([counted(near[0]), counted(far[-1])])
         y = np.log([near[0].ms_median, far[-1].ms_median])
         interpolated = float(np.exp(np.interp(np.log(counted(row)), x, y))) / row.ms_median
-    found = SpeedUp(
+    found = SpeedUpRow(
         row.scene, row.family, row.options, row.frames, row.ms_median, row.error, int(row.passes), baselines,
         beside, beside_ms, beside_error, speedup, interpolated,
     )  # fmt: skip
     return rounded(found)
 
 
-def speedups(rows: Sequence[Summary]) -> list[SpeedUp]:
-    """Every method and horizon against every set of baselines that it does not belong to."""
+def speedups(rows: Sequence[SpeedAccuracyRow]) -> list[SpeedUpRow]:
+    """Every method (and what ``--backend`` named) and horizon against every set of baselines that it is no part of."""
     return [
         against(row, rows, name)
         for row in rows
-        if row.family in METHODS and row.frames in FRAMES and np.isfinite(row.ms_median)
+        if (row.family in METHODS or row.family not in (*FAMILIES, FLOOR))
+        and row.frames in FRAMES
+        and np.isfinite(row.ms_median)
         for name, families in BASELINES.items()
         if row.family not in families
     ]
 
 
-def table(found: Sequence[SpeedUp]) -> str:
+def table(found: Sequence[SpeedUpRow]) -> str:
     """One line a method and horizon: the upper bound, in brackets the interpolated speed-up."""
     wide = max((len(label(f.family, f.options)) for f in found), default=0) + 2
     lines = [
-        "\nSpeed-up at equal error, at most (interpolated), over ever stronger baselines; *: fails the height gate",
         f"{'scene':11s}{'method':{wide}s}{'frames':>6s}" + "".join(f"{name:>18s}" for name in BASELINES),
     ]
     cells = {(f.scene, f.family, f.options, f.frames, f.baselines): f for f in found}
@@ -112,7 +113,7 @@ def table(found: Sequence[SpeedUp]) -> str:
     return "\n".join(lines)
 
 
-def _cell(found: SpeedUp | None) -> str:
+def _cell(found: SpeedUpRow | None) -> str:
     if found is None:
         return ""
     if np.isnan(found.speedup):

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from cloth_envs.style import INK, import_figure
-from training.bench.stability.rows import Cell, Mark, marks
+from training.bench.charts import COLUMNS, SOFT, WIDTH, save
+from training.bench.stability.rows import Mark, StabilityRow, marks
 from training.bench.stability.scores import REASONS
 from training.bench.stability.worlds import AXES, DURATION, LENGTHS, Axis
 
-WIDTH, COLUMNS, LINE, HEAD = 7.2, 2, 0.158, 0.47  # inches: the width of a page, a line of a panel, what is around it
-SOFT = "#66727c"
+LINE, HEAD = 0.158, 0.47  # inches: a line of a panel, what is around it
+STEM = "stability"
 DARK = 0.45  # of the colours, above which letters are black
 NOTE = (
     "Yellow: every run passed. Grey: all stand, but are wrong. Dark blue: none survived. Cells that lost runs tell the "
@@ -27,8 +27,13 @@ NOTE = (
 )
 
 
-def draw(rows: Sequence[Cell], paths: Sequence[Path], *, seeds: int, quick: bool) -> None:
+def draw(rows: Mapping[str, Sequence[StabilityRow]], folder: Path, setup: str) -> None:
     """One figure as wide as a page."""
+    if rows.get(STEM):
+        _draw(rows[STEM], folder, setup)
+
+
+def _draw(rows: Sequence[StabilityRow], folder: Path, setup: str) -> None:
     found = marks(rows)
     backends = list(dict.fromkeys(r.backend for r in rows))
     shown = [name for name in AXES if any(r.axis == name for r in rows)]
@@ -46,15 +51,12 @@ def draw(rows: Sequence[Cell], paths: Sequence[Path], *, seeds: int, quick: bool
         axes.text(1.0, 1.13, names, transform=axes.transAxes, ha="right", fontsize=6.5, color=SOFT)
         if number % COLUMNS:
             axes.set_yticklabels([])
+    seeds = len({r.seed for r in rows})
     how = (
-        f"Runs of {DURATION:g} s and {LENGTHS[-1]} frames (length, no force), {seeds} "
-        f"seed{'s' * (seeds > 1)} a scene{', QUICK: coarser grids, ends of the axes' if quick else ''}. "
+        f"{setup}. Runs of {DURATION:g} s and {LENGTHS[-1]} frames (length, no force), {seeds} "
+        f"seed{'s' * (seeds > 1)} a scene. "
     )
-    figure.text(
-        0.005, -0.005, "\n".join(textwrap.wrap(how + NOTE, 140)), fontsize=6.5, color=SOFT, va="top", linespacing=1.35
-    )
-    for path in paths:
-        figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.08, facecolor="white")
+    save(figure, how + NOTE, folder, STEM, size=6.5)
 
 
 def panel(axes: Any, axis: Axis, found: dict[tuple[str, float], Mark], backends: Sequence[str]) -> None:

@@ -28,7 +28,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Cell(Score, Place):
+class StabilityRow(Score, Place):
     """A run and its score."""
 
 
@@ -60,9 +60,9 @@ class Mark:
         return (self.passed + self.survived) / (2 * self.runs)
 
 
-def marks(rows: Sequence[Cell]) -> dict[tuple[str, str, float], Mark]:
+def marks(rows: Sequence[StabilityRow]) -> dict[tuple[str, str, float], Mark]:
     """(axis, backend, level) -> Mark; ties go to the graver reason."""
-    groups: dict[tuple[str, str, float], list[Cell]] = {}
+    groups: dict[tuple[str, str, float], list[StabilityRow]] = {}
     for row in rows:
         groups.setdefault((row.axis, row.backend, row.level), []).append(row)
     order = list(REASONS)
@@ -82,7 +82,7 @@ def marks(rows: Sequence[Cell]) -> dict[tuple[str, str, float], Mark]:
     return out
 
 
-def table(rows: Sequence[Cell]) -> str:
+def table(rows: Sequence[StabilityRow]) -> str:
     """Runs that passed / survived / all, and the reasons of those that did not pass."""
     found, lines = marks(rows), []
     backends = list(dict.fromkeys(r.backend for r in rows))

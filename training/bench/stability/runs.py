@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from cloth_envs.backend import Backend
-from cloth_envs.failure import Failures
 from cloth_envs.physics.laws.budget import budget
 from cloth_envs.physics.laws.diagnostics import linear_momentum, strains
-from cloth_envs.registry import load_task, make_backend
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
-from training.bench.convergence.chaos import NUDGE, nudged
+from training.bench import measure
+from training.bench.participants import truth
 from training.bench.stability.worlds import Stage
-from training.bench.truth import length, replay
-from training.bench.verdict import GATE
 from training.metrics.contact import tunnelled
+from training.rollouts import nudge, stack_states
 
-TRUTH = {"solver": "explicit", "refine": 2}
+TRUTH = truth("half")
+GATE = 0.5  # s; the mean height is compared until then, later it is chaos too
 BUDGETED = 10  # frames: of a run's first ones the energy budget is made
 BURST = 100.0  # strain of an edge: not a number yet, but no cloth either
 _FAILURES = {"non-finite": "blow-up", "overstretch": "overstretch", "energy": "energy"}
@@ -41,7 +38,7 @@ class Run:
     @property
     def rolled(self) -> State:
         """All frames as one batch."""
-        return batch(self.states)
+        return stack_states(self.states)
 
     @cached_property
     def strains(self) -> np.ndarray:
@@ -61,7 +58,7 @@ class Run:
         scene, count = self.scene, min(BUDGETED, len(self.states) - 1)
         if scene.colliders or scene.wind or not scene.gravity or not count:
             return np.full(1, np.nan)
-        rest = budget(scene, [batch(self.states[:count]), batch(self.states[1 : count + 1])]).rest
+        rest = budget(scene, [stack_states(self.states[:count]), stack_states(self.states[1 : count + 1])]).rest
         scale = scene.mass.sum() * scene.gravity * scene.grid.height
         return np.concatenate([[0.0], np.cumsum(rest)]) / scale
 
@@ -85,14 +82,9 @@ class Run:
         """How many vertices and triangles bodies have gone through up to every frame."""
         found = np.zeros(len(self.states), np.int64)
         if self.scene.colliders and len(self.states) > 1:
-            found[1:] = tunnelled(self.scene, [batch(self.states[:-1]), batch(self.states[1:])])
+            found[1:] = tunnelled(self.scene, [stack_states(self.states[:-1]), stack_states(self.states[1:])])
             found[1:] += [pierced(self.scene, *pair) for pair in pairwise(self.states)]
         return np.cumsum(found)
-
-
-def batch(states: Sequence[State]) -> State:
-    """Frames of one cloth as a batch."""
-    return State(**{f.name: np.concatenate([getattr(s, f.name) for s in states]) for f in fields(State)})
 
 
 def pierced(scene: Scene, before: State, after: State) -> int:
@@ -122,37 +114,21 @@ def _volume(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     return (a * np.cross(b, c)).sum(-1)
 
 
-def build(name: str, options: dict[str, Any], scene: Scene) -> Backend | str:
-    """The backend, or the words with which it refused."""
-    try:
-        return make_backend(name, scene, backend_kwargs=options)
-    except ValueError as error:
-        return str(error)
-
-
 def run(backend: Backend | str, stage: Stage) -> Run:
     """Step ``stage`` until the first failure; one that was refused has its start only."""
-    if isinstance(backend, str):
-        return Run(stage.scene, [stage.start], f"refused: {backend}")
-    states, times, failures = [stage.start], [], Failures(stage.scene, load_task(stage.scene.name).max_strain)
-    for state, time in replay(backend, stage.start, stage.controls):
-        times.append(time.cpu)
-        reason = failures.check(states[-1], state)[0]
-        if reason:
-            burst = strains(stage.scene.grid, state.positions).max() > BURST
-            kind = "blow-up" if burst else _FAILURES[reason]
-            return Run(stage.scene, states, kind, 1e3 * float(np.median(times)))
-        states.append(state.copy())
-    return Run(stage.scene, states, "", 1e3 * float(np.median(times)))
+    scene, found = stage.scene, measure.run(backend, stage.scene, stage.start, stage.controls, stop=True)
+    (reason,), states = found.failures, found.states
+    if not reason or isinstance(backend, str):
+        return Run(scene, states, reason, found.ms)
+    kind = "blow-up" if strains(scene.grid, states[-1].positions).max() > BURST else _FAILURES[reason.split(" at ")[0]]
+    return Run(scene, states[:-1], kind, found.ms)
 
 
 def truths(stage: Stage, seed: int) -> tuple[Run, Run]:
     """The truth of a world, explicit at half the stable step, and that of its start nudged by a millionth (0.5 s)."""
-    true = run(build("reference", TRUTH, stage.scene), stage)
-    push = nudged(stage.start, stage.scene.handles, NUDGE * length(stage.scene), np.random.default_rng(seed))
-    early = frames_in(GATE, stage.scene)
+    push, early = nudge(stage.start, stage.scene, seed), frames_in(GATE, stage.scene)
     near = Stage(stage.scene, push, stage.controls[:early])
-    return true, run(build("reference", TRUTH, stage.scene), near)
+    return run(measure.built(TRUTH, stage.scene), stage), run(measure.built(TRUTH, stage.scene), near)
 
 
 def frames_in(seconds: float, scene: Scene) -> int:

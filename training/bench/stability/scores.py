@@ -8,13 +8,14 @@ import numpy as np
 
 from cloth_envs.physics.laws.budget import slow_motion
 from cloth_envs.physics.laws.diagnostics import penetration
-from training.bench.stability.runs import Run, batch, frames_in
-from training.bench.truth import vertex_error
-from training.bench.verdict import GATE, LIVELY, STRAINED
+from training.bench.measure import vertex_error
+from training.bench.stability.runs import GATE, Run, frames_in
+from training.rollouts import stack_states
 
 HEIGHT = 0.05  # of the way that the mean height goes in 0.5 s
 EARLY, ASTRAY = 0.2, 0.05  # s, of the length: mean distance of the vertices from the truth's
 GAINED = 0.25  # of m g H: energy from nowhere, beyond what the truth's budget leaves over
+STRAINED, LIVELY = 2.0, 2.0  # times the truth's strain and kinetic energy
 SPARE = 1.0  # J/kg of kinetic energy, beyond a multiple of the truth's
 DRIFT = 0.01  # of the sum of m |v| at the start: momentum from nowhere
 # What a row says -> the short word of the chart. A run that has several is told the first of this list.
@@ -125,7 +126,7 @@ def score(found: Run, true: Run, near: Run, frames: int) -> Score:
         when[kind] = len(found.states) if kind != "refused" else 0, words or f"in frame {len(found.states)}"
     reason = next((name for name in REASONS if name in when), "")
     frame, detail = when.get(reason, (frames, ""))
-    rolled = batch(found.states[:end])
+    rolled = stack_states(found.states[:end])
     return Score(
         frames=frames,
         reason=reason,

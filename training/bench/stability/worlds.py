@@ -17,7 +17,7 @@ from cloth_envs.scene import Scene
 from cloth_envs.scenes.task import Episode
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
-from training.bench.truth import retime
+from training.rollouts import retime
 
 DURATION = 0.64  # s of a run, a whole number of frames of four times any scene's
 LENGTHS = (25, 50, 100, 150, 250)  # frames; the longest is ten times the longest horizon of `bench speed-accuracy`

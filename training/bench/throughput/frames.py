@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from time import perf_counter
 
 import gymnasium as gym
@@ -11,24 +10,7 @@ import numpy as np
 
 import cloth_envs
 from cloth_envs.state import Controls, State
-
-
-@dataclass(frozen=True)
-class Frame:
-    """Medians. ``overhead_us`` is a step less its solver call; ``repeated_us`` a step whose solver call does nothing.
-
-    They differ because a solver call leaves little of Python in the processor's caches: ``cold`` is how many times
-    longer a fixed piece of plain Python takes right after one than when it is repeated.
-    """
-
-    scene: str
-    vertices: int
-    substeps: int
-    frame_ms: float
-    solver_ms: float
-    overhead_us: float
-    repeated_us: float
-    cold: float
+from training.bench.throughput.rows import FrameRow
 
 
 class Timed:
@@ -53,7 +35,7 @@ def plain() -> int:
     return sum(len(f"{table[word]:5.2f}".strip()) + isinstance(word, str) for word in words)
 
 
-def measure(scene: str, steps: int) -> Frame:
+def frames_of(scene: str, steps: int) -> FrameRow:
     """One thread, default material, random actions, observation and reward included."""
     env = gym.make(cloth_envs.env_id(scene)).unwrapped
     env.reset(seed=0)
@@ -82,7 +64,7 @@ def measure(scene: str, steps: int) -> Frame:
             start = perf_counter()
             plain()
             times.append(perf_counter() - start)
-    return Frame(
+    return FrameRow(
         scene=scene,
         vertices=env.scene.grid.vertices,  # type: ignore[attr-defined]
         substeps=int(backend.substeps[0]),
@@ -92,15 +74,3 @@ def measure(scene: str, steps: int) -> Frame:
         repeated_us=float(np.median(repeated)) * 1e6,
         cold=float(np.median(cold) / np.median(warm)),
     )
-
-
-def table(frames: list[Frame]) -> str:
-    """The frames as text."""
-    heads = f"{'scene':10s} {'vertices':>8s} {'frame':>6s} {'substeps':>8s}"
-    lines = [f"{heads} {'solver':>9s} {'overhead':>9s} {'repeated':>9s} {'cold':>5s}"]
-    lines += [
-        f"{f.scene:10s} {f.vertices:8d} {f.frame_ms:3.0f} ms {f.substeps:8d} {f.solver_ms:6.2f} ms "
-        f"{f.overhead_us:6.0f} us {f.repeated_us:6.0f} us {f.cold:4.1f}x"
-        for f in frames
-    ]
-    return "\n".join(lines)

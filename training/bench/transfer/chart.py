@@ -1,20 +1,20 @@
-"""The chart of ``minicloth bench transfer``: reward on the reference against training time, from its rows only."""
+"""The chart of the transfer benchmark: reward on the reference against training time, from its rows only."""
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cloth_envs.style import INK, import_figure, limits, spread
-from training.bench.speed_accuracy.chart import COLUMNS, PANEL, SOFT, WIDTH, dress
-from training.bench.transfer.rows import RANDOM, REFERENCE, ZERO, Summary
+from cloth_envs.style import COLORS, INK, limits, spread
+from training.bench.charts import SOFT, dress, grid, legend, save
+from training.bench.transfer.rows import RANDOM, REFERENCE, ZERO, TransferRow
 
+STEM = "transfer"
 # Okabe & Ito (2008), as the other charts have them.
-COLORS = {
+KNOWN = {
     REFERENCE: "#0072B2",
     "similar": "#E69F00",
     "calibrated": "#D55E00",
@@ -32,13 +32,19 @@ NOTE = (
 )
 
 
+def curves(rows: Sequence[TransferRow]) -> dict[str, str]:
+    """``KNOWN``, and a colour for what ``--backend`` named."""
+    others = dict.fromkeys(split(r.policy)[0] for r in rows if r.trainings)
+    return {name: COLORS[i % len(COLORS)] for i, name in enumerate(others)} | KNOWN
+
+
 def split(policy: str) -> tuple[str, str]:
     """``"closure local x4 longer"`` as its backend and the rest."""
     name, cross, rest = policy.partition(" x")
     return name, f"x{rest}" if cross else ""
 
 
-def panel(axes: Any, rows: Sequence[Summary]) -> dict[str, Any]:
+def panel(axes: Any, rows: Sequence[TransferRow], colors: Mapping[str, str]) -> dict[str, Any]:
     """One scene; returns the legend's entries."""
     handles: dict[str, Any] = {}
     axes.set_xscale("log")
@@ -48,7 +54,7 @@ def panel(axes: Any, rows: Sequence[Summary]) -> dict[str, Any]:
     places = 10 ** spread(np.log10(times), APART * (right - left))
     for x, r in zip(places, trained, strict=True):
         name, rest = split(r.policy)
-        color, marker = COLORS[name], MARKERS[rest]
+        color, marker = colors[name], MARKERS.get(rest, "X")
         size = 9 if marker == "*" else 6
         if r.policy != REFERENCE:
             axes.plot([x] * 2, [r.reference, r.own], color=color, lw=0.8, alpha=0.5, zorder=2)
@@ -66,30 +72,24 @@ def panel(axes: Any, rows: Sequence[Summary]) -> dict[str, Any]:
     return handles
 
 
-def draw(rows: Sequence[Summary], paths: Sequence[Path], *, setup: str) -> None:
-    """A panel a scene, to each of ``paths``."""
-    names = list(dict.fromkeys(r.scene for r in rows))
-    high = -(-len(names) // COLUMNS)
-    figure = import_figure()(figsize=(WIDTH, PANEL * high + 0.7), layout="constrained")
-    panels = np.ravel(figure.subplots(high, COLUMNS, squeeze=False)).tolist()
+def draw(rows: Mapping[str, Sequence[TransferRow]], folder: Path, setup: str) -> None:
+    """A panel a scene."""
+    mine = rows.get(STEM, ())
+    names = list(dict.fromkeys(r.scene for r in mine))
+    if not names:
+        return
+    figure, panels = grid(len(names), "mean reward per frame")
+    looks = curves(mine)
     handles: dict[str, Any] = {}
     for axes, name in zip(panels, names, strict=False):
-        handles |= panel(axes, [r for r in rows if r.scene == name])
+        handles |= panel(axes, [r for r in mine if r.scene == name], looks)
         dress(axes, name)
         left, right = axes.get_xlim()
         axes.set_xticks([tick for tick in TICKS if left <= tick <= right])
-    for axes in panels[len(names) :]:
-        axes.set_axis_off()
-    for axes in panels[: len(names) : COLUMNS]:
-        axes.set_ylabel("mean reward per frame", fontsize=7.5, color=INK)
-    look = {"frameon": False, "fontsize": 7.5, "labelcolor": INK}
     if len(panels) > len(names):
-        panels[-1].legend(list(handles.values()), list(handles), loc="center left", labelspacing=0.6, **look)
+        legend(panels[-1], handles, (), "center left", 1)
     else:
-        figure.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=4, **look)
+        legend(figure, handles, (), "outside upper center", 4)
     figure.supxlabel("processor time of a training, one thread [s]", fontsize=8.5, color=INK)
-    episodes = [r.episodes for r in rows if r.trainings]
-    text = "\n".join(textwrap.wrap(f"{setup}. {NOTE.format(min(episodes), max(episodes))}", 140))
-    figure.text(0.01, -0.01, text, fontsize=7, color=SOFT, va="top", ha="left", linespacing=1.35)
-    for path in paths:
-        figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.1, facecolor="white")
+    episodes = [r.episodes for r in mine if r.trainings]
+    save(figure, f"{setup}. {NOTE.format(min(episodes), max(episodes))}", folder, STEM)

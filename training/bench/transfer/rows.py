@@ -1,4 +1,4 @@
-"""Rows of ``minicloth bench transfer``: trainings, episodes, and both put together with their intervals."""
+"""Rows of the transfer benchmark: trainings, episodes, and both put together with their intervals."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ REFERENCE, ZERO, RANDOM = "reference", "zero action", "random action"
 
 
 @dataclass(frozen=True)
-class Training:
+class TrainingRow:
     """One training: on what (``policy``), how many episodes of how many frames, its time, and what it found."""
 
     scene: str
@@ -31,7 +31,7 @@ TRAINING_KEY = ("scene", "rows", "cols", "policy", "repetition")
 
 
 @dataclass(frozen=True)
-class Episode:
+class EpisodeRow:
     """Mean reward per frame of a policy on one held-out seed, on the backend ``scored_on``; ``failed`` is 0 or 1."""
 
     scene: str
@@ -49,7 +49,7 @@ EPISODE_KEY = ("scene", "rows", "cols", "policy", "repetition", "scored_on", "se
 
 
 @dataclass(frozen=True)
-class Summary:
+class TransferRow:
     """A policy's rewards per frame on the reference and on its own backend, with half widths of 95 % intervals over
     seeds and trainings. Time is the median of the trainings.
 
@@ -89,7 +89,7 @@ def half_width(seeds: np.ndarray, *trainings: np.ndarray) -> float:
     return float(student.ppf(0.975, freedom) * np.sqrt(variance))
 
 
-def summaries(trainings: Sequence[Training], episodes: Sequence[Episode]) -> list[Summary]:
+def summaries(trainings: Sequence[TrainingRow], episodes: Sequence[EpisodeRow]) -> list[TransferRow]:
     """One row for each scene and policy of one resolution; what a stopped run left unfinished is passed over."""
     rewards: dict[tuple[str, str, str], dict[tuple[int, int], float]] = {}
     for e in episodes:
@@ -124,7 +124,7 @@ def summaries(trainings: Sequence[Training], episodes: Sequence[Episode]) -> lis
             "processor_s": np.median([t.processor_s for t in mine]) if mine else 0.0,
         }
         out.append(
-            Summary(
+            TransferRow(
                 scene=scene,
                 policy=policy,
                 trainings=len(mine),
@@ -139,7 +139,7 @@ def summaries(trainings: Sequence[Training], episodes: Sequence[Episode]) -> lis
     return out
 
 
-def table(rows: Sequence[Summary]) -> str:
+def table(rows: Sequence[TransferRow]) -> str:
     """Rewards per frame, one line a policy."""
     lines = []
     for scene in dict.fromkeys(r.scene for r in rows):

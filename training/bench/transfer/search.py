@@ -1,17 +1,14 @@
-"""Policies trained by evolution: CMA-ES, and what policies earn in a batch of episodes."""
+"""Policies trained by evolution: CMA-ES."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-
 import numpy as np
-from gymnasium.utils.seeding import np_random
 
 from cloth_envs.world import World
 from training.bench.transfer.policies import Form
+from training.rollouts import play
 
 FIRST_SEED = 10_000  # of training; held-out seeds are below
-Act = Callable[[np.ndarray], np.ndarray]
 
 
 class CmaEs:
@@ -65,21 +62,6 @@ class CmaEs:
         self.sigma *= np.exp(min(1.0, cs / self._damp * (size / self._length - 1)))
 
 
-def earn(world: World, act: Act, seeds: Sequence[int], frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Mean reward per frame of an episode of every member of ``world``, and which of them failed, both ``(B,)``.
-
-    Member i starts from ``seeds[i]``; ``act`` turns observations of the batch into actions. A failed one earns
-    nothing from then on.
-    """
-    world.reset({i: np_random(seed)[0] for i, seed in enumerate(seeds)})
-    total, alive = np.zeros(len(seeds)), np.ones(len(seeds), bool)
-    for _ in range(frames):
-        rewards, reasons = world.step(act(world.observe()))
-        alive &= [reason is None for reason in reasons]
-        total += rewards * alive
-    return total / frames, ~alive
-
-
 def train(world: World, form: Form, *, frames: int, generations: int, population: int, seed: int) -> np.ndarray:
     """Weights of a policy after ``generations`` of ``population`` candidates that share the members of ``world``.
 
@@ -91,6 +73,6 @@ def train(world: World, form: Form, *, frames: int, generations: int, population
         each = np.repeat(search.ask(), episodes, 0)
         first = FIRST_SEED * (seed + 1) + generation * episodes
         seeds = list(range(first, first + episodes)) * population
-        found, _ = earn(world, lambda obs, each=each: form.act(obs, each), seeds, frames)  # type: ignore[misc]
+        found, _ = play(world, lambda obs, each=each: form.act(obs, each), seeds, frames)  # type: ignore[misc]
         search.tell(found.reshape(population, episodes).mean(1))
     return search.mean

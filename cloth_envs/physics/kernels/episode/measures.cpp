@@ -67,6 +67,21 @@ Array tolerance_of_length(Strided<T, 2> error, double margin, double least) {
   return out;
 }
 
+// The mean of x[second] - x[first] over pairs of vertices, (B, 3).
+template <class T>
+Array mean_span(Cloth<T> x, Vertices first, Vertices second) {
+  const std::size_t batch = x.shape(0), n = x.shape(2) * x.shape(3), count = first.shape(0);
+  if (second.shape(0) != count) throw nb::value_error("first and second must be as many");
+  Array out = fresh({batch, 3});
+  for (std::size_t row = 0; row < 3 * batch; ++row) {
+    const T* axis = x.data() + row * n;
+    double sum = 0;
+    for (std::size_t i = 0; i < count; ++i) sum += double(axis[second.data()[i]]) - axis[first.data()[i]];
+    out.data()[row] = sum / double(count);
+  }
+  return out;
+}
+
 // The area vector, sum of x_i cross x_(i+1) over two, of a closed line through some vertices, (B, 3).
 template <class T>
 Array loop_area(Cloth<T> x, Vertices loop) {
@@ -106,6 +121,7 @@ Array largest_stretch(Cloth<T> x, Vertices first, Vertices second, In<double, 1>
 
 template <class T>
 void bind_measures_of(nb::module_& m) {
+  m.def("mean_span", &mean_span<T>, "The mean of x[second] - x[first] over pairs of vertices, (B, 3).");
   m.def("loop_area", &loop_area<T>, "The area vector of a closed line through some vertices, (B, 3) [m^2].");
   m.def("largest_stretch", &largest_stretch<T>, "The largest length over rest length of some pairs of vertices, (B,).");
   m.def("mean_point", &mean_point<T>, "The mean of some vertices of (B, 3, H, W), (B, 3), float64.");

@@ -1,0 +1,52 @@
+"""The fitted cell in the compiled kernels: of particles, or of the sheet whose material it was identified to be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from cloth_envs.material import Material
+from cloth_envs.physics.explicit.solver import ExplicitSolver
+from cloth_envs.physics.particles.solver import Cell, ParticleSolver, make_kernel, mass_spring_cell, net_of
+from cloth_envs.scene import Scene
+
+
+def dimensional(scene: Scene, arrays: Mapping[str, np.ndarray]) -> Cell:
+    """The cell of a checkpoint's ``arrays`` for the particles of ``scene``, whatever their stiffness and mass."""
+    law, weight = mass_spring_cell(scene), net_of(scene).node_mass * scene.gravity
+    return Cell(law.coefficients * arrays["coefficients"], weight * arrays["bias"], float(arrays["eps"][0]))
+
+
+def dimensionless(scene: Scene, cell: Cell) -> dict[str, np.ndarray]:
+    """The arrays of a checkpoint, of which ``dimensional`` makes ``cell`` again on particles like the scene's."""
+    law, weight = mass_spring_cell(scene), net_of(scene).node_mass * scene.gravity
+    numbers = cell.coefficients / law.coefficients
+    return {"coefficients": numbers, "bias": cell.bias / weight, "eps": np.array([cell.eps])}
+
+
+class CellNet(ParticleSolver):
+    """A net of particles whose forces are those of ``cell``; the simulator's kernel, step, contact and ``options``."""
+
+    def __init__(self, scene: Scene, cell: Cell, *, dtype: str = "float32", **options: int) -> None:
+        super().__init__(scene, dtype=dtype, **options)
+        self._kernel = make_kernel(scene, cell, dtype=dtype)
+
+
+class CellSheet(ExplicitSolver):
+    """A sheet whose material is what a cell was identified to be; kernel, contact and ``options`` are the reference's.
+
+    ``factors`` multiply the material's stretch, shear, bending and damping, and the scene's gravity (``SHEET``).
+    """
+
+    def __init__(self, scene: Scene, factors: Mapping[str, float], **options: Any) -> None:
+        self._factors = dict(factors)
+        gravity = scene.gravity * self._factors.pop("gravity")
+        super().__init__(replace(scene, gravity=gravity), **options)
+        self.scene = scene
+
+    def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
+        felt = [m.with_changes(**{n: getattr(m, n) * f for n, f in self._factors.items()}) for m in materials]
+        super().set_materials(which, felt)

@@ -1,0 +1,1 @@
+"""Error against twice the mesh."""

@@ -1,0 +1,106 @@
+"""``minicloth bench mesh``: how far the reference is from the same sheet on twice the mesh (truth G2).
+
+The fine sheet has the scene's own size, material, start and actions on a grid with half the spacing. Its states, at
+the vertices that both grids have, are the truth of short windows on the scene's own grid, driven as the fine sheet
+was. What the reference misses is what its mesh costs; other methods are beside it. A window that restarts from a folded
+sheet also pays for folds that the grid can't hold and that pop open; one from an episode's smooth start does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from cloth_envs.registry import load_task
+from cloth_envs.resample import resample
+from cloth_envs.scene import Scene
+from cloth_envs.state import State
+from surrogates.miniature.coarse import coarse_scene
+from training.bench.benchmark import Benchmark, Part, RowFile, Session
+from training.bench.measure import HORIZONS, ErrorRow, errors
+from training.bench.mesh.rows import KEY, MeshRow, table
+from training.bench.participants import MESH, Participant, extra, truth
+from training.bench.windows import Windows, cut
+from training.rows import rounded
+from training.truth import Case, load
+
+SEEDS, STARTS = (200, 201), (25, 50, 100)  # frames at which windows begin
+TRUTH = "g2"
+STEM = "mesh_error"
+
+
+def decimated(state: State, fine: Scene, scene: Scene) -> State:
+    """``state`` of ``fine`` at the vertices of ``scene``."""
+    cloth = {
+        n: np.ascontiguousarray(resample(getattr(state, n), fine.grid, scene.grid)) for n in ("positions", "velocities")
+    }
+    return State(**(state.arrays() | cloth))
+
+
+def gather(cases: Sequence[Case], starts: Sequence[int], frames: int, cache: Path) -> Windows:
+    """Windows on the grid of the scene, twice as coarse as that of ``cases``, whose truth is theirs.
+
+    Raises:
+        ValueError: the fine sheet is held by other handles.
+    """
+    keep = sorted({start + frame for start in starts for frame in range(frames + 1)})
+    windows = cut([load(case, max(keep), keep, cache) for case in cases], [c.seed for c in cases], starts, frames)
+    fine = windows.scene
+    scene, handles = coarse_scene(fine, 2, fine.material)
+    own = load_task(fine.name).make_scene(resolution=scene.grid.shape, material=fine.material)
+    if sorted(scene.handles) != sorted(own.handles):
+        raise ValueError(f"{fine.name} has other handles on twice the mesh: its truth does not drive the same cloth")
+    still = np.zeros((len(windows.seeds), len(handles.follows), 3))
+    return replace(
+        windows,
+        scene=scene,
+        controls=[handles.controls(controls, still) for controls in windows.controls],
+        truth=[decimated(state, fine, scene) for state in windows.truth],
+    )
+
+
+def compare(windows: Windows, participants: Sequence[Participant], horizons: Sequence[int] = HORIZONS) -> list[MeshRow]:
+    """Every participant after every horizon."""
+    return [
+        _row(windows, participant, frames, [row for row in found if row.frames == frames])
+        for participant in participants
+        for found in [errors(participant, windows, horizons=horizons)]
+        for frames in horizons
+    ]
+
+
+def _row(windows: Windows, participant: Participant, frames: int, seeds: Sequence[ErrorRow]) -> MeshRow:
+    error = [row.error_mean for row in seeds if not np.isnan(row.error_mean)] or [float("nan")]
+    start = "restart" if min(windows.starts) else "beginning"
+    grid = windows.scene.grid
+    row = MeshRow(
+        windows.scene.name, start, participant.family, participant.text, frames, sum(row.windows for row in seeds),
+        *grid.shape, grid.row_spacing, float(np.mean(error)), min(error), max(error),
+        "; ".join(row.failure for row in seeds if row.failure),
+    )  # fmt: skip
+    return rounded(row)
+
+
+def measure(session: Session) -> None:
+    """Every scene, from states of its episodes and from their beginnings."""
+    seeds, coarse = (SEEDS[:1], 2.0) if session.quick else (SEEDS, 0.5)
+    participants = [*MESH, *extra(session.given.backend)]
+    session.about |= {"seeds": seeds, "starts": STARTS, "truth": f"explicit, half the spacing: {truth(TRUTH).fixed}"}
+    store = session.store(STEM)
+    for scene in tqdm(session.scenes, desc="mesh", disable=None):
+        cases = [Case(scene, seed, coarse, TRUTH) for seed in seeds]
+        for starts in (STARTS, (0,)):
+            store.add(*compare(gather(cases, starts, max(HORIZONS), session.cache("truth")), participants))
+
+
+BENCHMARK = Benchmark(
+    name="mesh",
+    about="How far the reference is from the same sheet on twice the mesh.",
+    files={STEM: RowFile(MeshRow, KEY)},
+    parts=[Part("Error against twice the mesh [% of length], mean (range over seeds)", (STEM,), table)],
+    measure=measure,
+)

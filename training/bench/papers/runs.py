@@ -1,0 +1,176 @@
+"""Runs behind the tables of Lee 2019: a teacher's run, miniature runs beside it, upscaled by all."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cloth_envs.backend import Backend
+from cloth_envs.physics.solver import reference
+from cloth_envs.presets import load_preset, solver_of
+from cloth_envs.resample import resample
+from cloth_envs.scene import Scene
+from cloth_envs.state import State
+from surrogates.checkpoint import load
+from surrogates.miniature.backend import MiniatureBackend
+from surrogates.miniature.coarse import CLOTH, CoarsePhysics, coarse_scene
+from surrogates.upscale.local import Local, weights_name
+from surrogates.upscale.protocol import Upscaler, make_upscaler
+from surrogates.upscale.published import FullyConnected
+from training.generate import HELD_OUT_EVERY, Plan, draw, simulate, task_of
+from training.metrics.errors import distances
+from training.rollouts import Recording, replay
+
+PRESET = "lee2019"
+# Every upscaler here is scored in every table and drawn in every chart, where it has weights: one name a line more.
+UPSCALERS = ("bilinear", "biquadratic", "bicubic", "hdnn", "fc")
+UNSCALED = "hdnn unscaled"  # H-DNN-like as its paper has it: on a coarse cloth of the fine particles' mass
+# Recipes beside those shipped: learnt from real miniatures, and started at random.
+OTHERS = ("real", "real_4x128", "random")
+NUDGE = 1e-6  # m, standard deviation of how far a nudged teacher starts from the teacher
+HISTORY = 3
+
+
+def teacher(scene: str, frames: int, options: Mapping[str, float] | None = None, **attributes: float) -> Recording:
+    """The preset's own run, with zero actions; ``options`` are the preset's (mass, spring, wind).
+
+    ``attributes`` are set on the task's class: ``across`` [rad], how far the flag starts from downwind.
+    """
+    cls: Any = load_preset(scene, {"name": PRESET, **(options or {})})
+    cls = type(cls.__name__, (cls,), attributes)
+    task = cls(cls.make_scene(resolution=cls.resolution, material=cls.material))
+    return simulate(task, PRESET, np.random.default_rng(0), frames)
+
+
+def held_out(scene: str, count: int) -> Iterator[Recording]:
+    """The first ``count`` trajectories that the networks were not trained on, simulated again."""
+    plan = Plan(scene)
+    for index in range(HELD_OUT_EVERY - 1, count * HELD_OUT_EVERY, HELD_OUT_EVERY):
+        own = draw(plan, index)
+        task, rng = task_of(scene, PRESET, own), np.random.default_rng((plan.seed, index, 1))
+        yield simulate(task, PRESET, rng, plan.frames, own.push)
+
+
+def cloths(run: Recording) -> np.ndarray:
+    """Positions after every frame, ``(T, 3, H, W)`` [m]."""
+    return np.concatenate([run.states[frame].positions for frame in range(1, len(run.states))])
+
+
+def miniature(run: Recording, factor: int, first: int, frames: int, **options: Any) -> list[State]:
+    """Coarse states from the teacher's after ``first`` frames on: two of the past, the start, and ``frames`` more."""
+    coarse = CoarsePhysics(run.scene, factor=factor, **_solver(), **options)
+    coarse.frames = HISTORY + frames
+    deque(replay(coarse, run.states[first], run.controls[first : first + frames]), 0)
+    return coarse.history
+
+
+def unscaled(factor: int) -> dict[str, Any]:
+    """Options of a miniature that is H-DNN's coarsest level: particles of the same mass and springs, farther apart."""
+    return {"scaling": "calibrated", "factors": {"areal_density": factor**-2.0}}
+
+
+def decimated(run: Recording, factor: int) -> list[State]:
+    """The teacher's own states on the coarse grid, as ``miniature`` gives them: the oracle."""
+    coarse, _ = coarse_scene(run.scene, factor, run.scene.material)
+    small = []
+    for state in [run.states[0]] * (HISTORY - 1) + list(run.states.values()):
+        cloth = {n: resample(getattr(state, n), run.scene.grid, coarse.grid) for n in CLOTH}
+        arrays = {n: np.ascontiguousarray(a, np.float32) for n, a in cloth.items()}
+        small.append(State(**{**state.arrays(), **arrays}))
+    return small
+
+
+def upscalers(run: Recording, factor: int, names: Sequence[str], folder: Path | None = None) -> dict[str, Upscaler]:
+    """Those of ``names`` that have weights for this scene, and ``OTHERS`` and ``"local"`` in ``folder``."""
+    coarse, _ = coarse_scene(run.scene, factor, run.scene.material)
+    found: dict[str, Upscaler] = {}
+    for name in names:
+        try:
+            found[name] = make_upscaler(name, coarse, run.scene, factor)
+        except ValueError:
+            continue
+    stem = f"fc_{run.scene.name.lower()}_{factor}"
+    for kind in OTHERS:
+        if folder and (folder / f"{stem}_{kind}.safetensors").is_file():
+            found["fc " + kind.replace("_", " ")] = FullyConnected(
+                coarse, run.scene, factor, weights=load(f"{stem}_{kind}", folder)
+            )
+    taught = f"{weights_name('local', run.scene.name)}_{factor}"
+    if folder and (folder / f"{taught}.safetensors").is_file():  # of training.local.published
+        found["local"] = Local(coarse, run.scene, factor, arrays=load(taught, folder).arrays)
+    for each in found.values():
+        each.set_materials([0], [run.scene.material])
+    return found
+
+
+def upscaled(run: Recording, up: Upscaler, states: Sequence[State], factor: int, first: int = 0) -> np.ndarray:
+    """Positions ``(T, 3, H, W)`` [m] of the fine cloth after every frame, driven vertices where they are driven."""
+    _, handles = coarse_scene(run.scene, factor, run.scene.material)
+    held, out = np.array(run.scene.handles, np.int32), []
+    for k in range(HISTORY, len(states)):
+        fine = up.positions(states[: k + 1][-HISTORY:])
+        handles.place(fine, run.controls[first + k - HISTORY].handle_positions, held)
+        out.append(fine[0])
+    return np.stack(out)
+
+
+def by_frame(positions: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Mean distance of the vertices in every frame, ``(T,)`` [m]."""
+    return distances(positions, truth).mean((1, 2))
+
+
+def follow(run: Recording, backend: Backend, start: State | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Positions ``(T, 3, H, W)`` [m] of ``backend`` under the controls of ``run``, and seconds ``(T,)`` of each frame.
+
+    The latter are the processor's. It starts where the run did, or at ``start``.
+    """
+    steps = replay(backend, start or run.states[0], run.controls)
+    positions, seconds = zip(*((state.positions[0].copy(), taken.cpu) for state, taken in steps), strict=True)
+    return np.stack(positions), np.array(seconds)
+
+
+def nudged(run: Recording) -> np.ndarray:
+    """The error by frame of the teacher itself, started ``NUDGE`` away: below that nothing can be predicted."""
+    start = run.states[0].copy()
+    free = np.ones(run.scene.grid.vertices, bool)
+    free[list(run.scene.handles)] = False
+    noise = np.random.default_rng(1).normal(0, NUDGE, start.positions.shape)
+    start.positions += (noise * free.reshape(run.scene.grid.shape)).astype(np.float32)
+    return teacher_again(run, start)
+
+
+def teacher_again(run: Recording, start: State | None = None, **options: Any) -> np.ndarray:
+    """The error by frame of the teacher's solver with other ``options``, or from another start."""
+    return by_frame(follow(run, solver(run.scene, **options), start)[0], cloths(run))
+
+
+def solver(scene: Scene, **options: Any) -> Backend:
+    """The teacher's solver of the fine cloth, with other ``options``."""
+    return reference(scene, num_envs=1, **{**solver_of(PRESET), **options})
+
+
+def shrunk(scene: Scene, factor: int, **options: Any) -> MiniatureBackend:
+    """A miniature stepped by the teacher's solver."""
+    given = _solver()
+    return MiniatureBackend(scene, factor=factor, solver=given["solver"], solver_kwargs=given["options"], **options)
+
+
+def milliseconds(run: Recording, factor: int, names: Sequence[str]) -> dict[str, float]:
+    """Processor time of a frame [ms]: the teacher, and the miniature with each upscaler. The best of five passes."""
+    backends: dict[str, Backend] = {"teacher": solver(run.scene)}
+    for up in names:
+        try:
+            backends[up] = shrunk(run.scene, factor, upscaler=up, **(unscaled(factor) if up == "hdnn" else {}))
+        except ValueError:
+            continue
+    passes = [{name: 1e3 * float(np.median(follow(run, b)[1])) for name, b in backends.items()} for _ in range(5)]
+    return {name: min(found[name] for found in passes) for name in backends}
+
+
+def _solver() -> dict[str, Any]:
+    options = dict(solver_of(PRESET))
+    return {"solver": options.pop("solver"), "options": options}

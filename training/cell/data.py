@@ -1,0 +1,177 @@
+"""What the cell of Zhao 2024 is fitted to: the author's four scenes by our simulator, and their sums of squares.
+
+The cell's force is linear in its 39 parameters, so the loss of a whole state is a quadratic form of them. A state is
+kept as the matrix of that form: a batch of 256 states of 128 x 128 particles then costs what 256 small sums cost, and
+gradient descent sees exactly the loss that it would see on the states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from itertools import repeat
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from cloth_envs.physics.particles.solver import NEIGHBOURS, ParticleSolver, net_of
+from cloth_envs.scene import Scene
+from cloth_envs.state import Controls, State
+from cloth_envs.world import World
+from training.cache import cache_folder, cached_arrays, digest
+from training.rollouts import replay
+
+# name -> scene and preset. The paper trains on the first two and tests on the others.
+CASES = {
+    "fall": ("Pressure", "zhao2024-fall"),
+    "blow": ("Pressure", "zhao2024"),
+    "hang": ("Hanging", "zhao2024"),
+    "ball": ("BallDrop", "zhao2024"),
+}
+STEPS = 4811  # of an animation (the author's code)
+PARAMETERS = 3 * len(NEIGHBOURS) + 3
+EPS = 1e-12  # m^2, of the ISRU: next to spacings of 1/128 m nothing, and it keeps 0 / 0 away
+
+
+class Case(NamedTuple):
+    """One animation: its scene, start and (constant) controls."""
+
+    scene: Scene
+    start: State
+    controls: Controls
+
+
+def case(name: str) -> Case:
+    """The animation ``name`` with zero actions, in float64."""
+    scene, preset = CASES[name]
+    world = World(scene, preset=preset)
+    world.reset({0: np.random.default_rng(0)})
+    assert world.episode is not None
+    return Case(world.scene, world.state.astype(np.float64), world.task.controls(world.episode))
+
+
+def animation(given: Case, steps: int) -> Iterator[State]:
+    """The state before every one of ``steps`` steps of the particles' own length, float64."""
+    solver = ParticleSolver(replace(given.scene, frame_dt=net_of(given.scene).sim_dt), dtype="float64")
+    yield given.start
+    yield from (state for state, _ in replay(solver, given.start, repeat(given.controls, steps - 1)))
+
+
+class Links(NamedTuple):
+    """Neighbour numbers ``(12, n)`` of some vertices (their own where one is missing) and ``exists``, 0 or 1."""
+
+    vertices: np.ndarray
+    neighbours: np.ndarray
+    exists: np.ndarray
+
+
+def links(rows: int, cols: int, vertices: np.ndarray) -> Links:
+    """The 12 neighbours of ``vertices`` on a grid with borders."""
+    r, c = np.divmod(vertices, cols)
+    down, right = r + NEIGHBOURS[:, :1], c + NEIGHBOURS[:, 1:]
+    exists = (down >= 0) & (down < rows) & (right >= 0) & (right < cols)
+    return Links(vertices, np.where(exists, down * cols + right, vertices), exists.astype(float))
+
+
+def features(x: np.ndarray, v: np.ndarray, at: Links, *, eps: float = EPS, vector: bool = True) -> np.ndarray:
+    """What the three branches sum (eqs 6-7): ``d``, ``n`` and ``(w . n) n``, ``(3, 12, 3, n)``.
+
+    ``x`` and ``v`` are ``(3, N)``. With ``vector`` false the ISRU and the product are taken per component: the
+    ablation, which knows no length of ``d``.
+    """
+    own = at.vertices
+    d = (x[:, at.neighbours] - x[:, None, own]) * at.exists
+    w = (v[:, at.neighbours] - v[:, None, own]) * at.exists
+    if vector:
+        n = d / np.sqrt((d * d).sum(0) + eps)
+        rate = (w * n).sum(0) * n
+    else:
+        n = d / np.sqrt(d * d + eps)
+        rate = w * n * n
+    return np.stack([d, n, rate]).swapaxes(1, 2)
+
+
+def design(x: np.ndarray, v: np.ndarray, at: Links, **options: object) -> np.ndarray:
+    """``(39, 3 n)``: the columns of alpha, beta, gamma (12 each, in the order of ``NEIGHBOURS``) and the bias (3)."""
+    n = len(at.vertices)
+    inner = features(x, v, at, **options).reshape(PARAMETERS - 3, 3 * n)  # type: ignore[arg-type]
+    return np.concatenate([inner, np.repeat(np.eye(3), n, axis=1)])
+
+
+def accelerations(scene: Scene, state: State) -> np.ndarray:
+    """What the simulator adds to all particles' velocities, less drag and pressure, over the step: ``(3, N)`` [m/s^2].
+
+    A step without handles and balls tells it for pinned particles as well.
+    """
+    net = net_of(scene)
+    free = replace(scene, frame_dt=net.sim_dt, handles=(), colliders=(), pressure=False)
+    solver = ParticleSolver(free, dtype="float64")
+    bare = State.still(state.positions)
+    bare.velocities[:] = state.velocities
+    solver.reset(bare)
+    after = solver.advance(Controls.hold(bare, ())).velocities * np.exp(net.drag * net.sim_dt)
+    return ((after - state.velocities) / net.sim_dt)[0].reshape(3, -1)
+
+
+def free_vertices(scene: Scene) -> np.ndarray:
+    """Numbers of the vertices that no handle drives."""
+    return np.setdiff1d(np.arange(scene.grid.vertices), np.array(scene.handles, int))
+
+
+class Sample(NamedTuple):
+    """A state ``x``, ``v``, what the simulator adds to ``v`` (all ``(3, N)``), and some of the free particles."""
+
+    x: np.ndarray
+    v: np.ndarray
+    accelerations: np.ndarray
+    drawn: np.ndarray
+
+
+def samples(
+    given: Case, steps: int, chosen: Iterable[int], vertices: int, rng: np.random.Generator
+) -> Iterator[Sample]:
+    """The ``chosen`` of ``steps`` states of an animation, and ``vertices`` particles, drawn anew for every one."""
+    wanted, moving = set(chosen), free_vertices(given.scene)
+    for step, state in enumerate(tqdm(animation(given, steps), total=steps, desc=given.scene.name, disable=None)):
+        if step in wanted:
+            x, v = (a[0].reshape(3, -1) for a in (state.positions, state.velocities))
+            yield Sample(x, v, accelerations(given.scene, state), rng.choice(moving, vertices, replace=False))
+
+
+class Sums(NamedTuple):
+    """Per state, ``[A; a] [A; a]^T`` ``(T, 40, 40)`` of the design ``A`` and the accelerations ``a`` [m^2/s^4].
+
+    ``free`` over particles that move, ``pinned`` over those that do not: what moves is all that data of states show,
+    forces from equations (the physics loss) are known on pinned particles too.
+    """
+
+    free: np.ndarray
+    pinned: np.ndarray
+
+
+def sums(name: str, states: int, vertices: int, folder: Path | None = None) -> Sums:
+    """Sums of ``states`` states spread over the animation ``name``, from the user's cache or computed and kept there.
+
+    Args:
+        states: at most ``STEPS``.
+        vertices: of the free ones, drawn anew for every state and weighted up to all.
+    """
+    given = case(name)
+    key = digest(given.scene, states, vertices, STEPS, EPS, given.start.positions)
+
+    def make() -> dict[str, np.ndarray]:
+        shape, pins = given.scene.grid.shape, np.array(given.scene.handles, int)
+        share = (given.scene.grid.vertices - len(pins)) / vertices
+        found: list[list[np.ndarray]] = []
+        chosen = np.linspace(0, STEPS - 1, states).round().astype(int).tolist()
+        for x, v, a, drawn in samples(given, STEPS, chosen, vertices, np.random.default_rng(0)):
+            found.append([])
+            for at, weight in ((links(*shape, drawn), share), (links(*shape, pins), 1.0)):
+                block = np.concatenate([design(x, v, at), a[:, at.vertices].reshape(1, -1)])
+                found[-1].append(weight * (block @ block.T))
+        free, pinned = zip(*found, strict=True)
+        return {"free": np.stack(free), "pinned": np.stack(pinned)}
+
+    return Sums(**cached_arrays(cache_folder("physics_cnn", folder) / f"{name}_{key}.npz", make))

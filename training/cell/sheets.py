@@ -1,0 +1,127 @@
+"""The cell of a sheet, identified from the reference's own steps: one number for every class of edges and branch."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import lstsq
+
+from cloth_envs.physics import laws
+from cloth_envs.physics.explicit.solver import ExplicitSolver
+from cloth_envs.physics.laws.stencil import edges, triples
+from cloth_envs.scene import Scene
+from cloth_envs.state import Controls, State
+from surrogates.cell.compiled import CellSheet
+from surrogates.cell.numbers import CLASSES, SHARED, SHEET
+from training.metrics.errors import vertex_error
+from training.rollouts import replay
+from training.truth import Case
+
+FRAMES = (2, 5, 8, 12, 16, 20, 25, 30, 35, 40)
+
+
+def columns(scene: Scene, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """What every number of ``CLASSES`` multiplies, as accelerations ``(17, 3 N)``, from ``x``, ``v`` ``(3, N)``.
+
+    In units of the material: all numbers are 1 on the reference. An edge's share of the sheet's width, the masses and
+    where edges and bending terms end at borders are geometry, taken from ``stencil``.
+    """
+    material, mass = scene.material, scene.mass.ravel()
+    found = np.zeros((len(CLASSES), *x.shape))
+    for k, edge in enumerate(edges(scene.grid)):
+        d, w = (a[:, edge.second] - a[:, edge.first] for a in (x, v))
+        n = d / np.sqrt((d * d).sum(0))
+        stiffness = getattr(material, edge.modulus) * edge.weight
+        branches = (stiffness * d, -stiffness * edge.rest * n, material.damping * stiffness * (w * n).sum(0) * n)
+        for branch, force in enumerate(branches):
+            found[4 * branch + k][:, edge.first] += force
+            found[4 * branch + k][:, edge.second] -= force
+    for k, t in enumerate(triples(scene.grid), 12):
+        second = material.bend_stiffness * t.weight * (x[:, t.before] - 2 * x[:, t.middle] + x[:, t.after])
+        for vertices, share in ((t.before, -1), (t.middle, 2), (t.after, -1)):
+            found[k][:, vertices] += share * second
+    found /= mass
+    found[-3:] = scene.gravity * np.array([1.0, 1.0, -1.0])[:, None, None] * np.eye(3)[:, :, None]
+    return found.reshape(len(CLASSES), -1)
+
+
+def accelerations(scene: Scene, state: State, controls: Controls, substeps: int) -> np.ndarray:
+    """What the cell has to give: a substep of the reference, less drag, wind and pressure, ``(3 N,)`` [m/s^2].
+
+    The step is taken without handles and bodies, so that driven vertices tell their forces as well.
+    """
+    h = scene.frame_dt / substeps
+    solver = ExplicitSolver(replace(scene, frame_dt=h, handles=(), colliders=()), dtype="float64", substeps=1)
+    bare = State.still(state.positions)
+    bare.velocities[:] = state.velocities
+    solver.reset(bare)
+    hold = Controls.hold(bare, ())
+    hold.wind[:], hold.pressure[:] = controls.wind, controls.pressure
+    after = solver.advance(hold).velocities
+    drag = scene.material.drag * scene.drag
+    kick = -np.expm1(-drag * h) / drag if drag else h
+    total = (after - state.velocities * np.exp(-drag * h)) / kick
+    air = laws.wind_forces(scene, state.positions, state.velocities, controls.wind)
+    if scene.pressure:
+        air = air + laws.pressure_forces(scene.grid, state.positions, controls.pressure)
+    return (total - air / scene.mass)[0].ravel()
+
+
+class Identified(NamedTuple):
+    """``factors`` in the order of ``SHEET``, the numbers ``by_class`` in that of ``CLASSES``, and relative errors.
+
+    ``sideways`` is the bias along x and y over gravity. ``error`` is that of the forces from ``factors`` on held-out
+    data, as a share of the forces' size.
+    """
+
+    factors: np.ndarray
+    by_class: np.ndarray
+    sideways: np.ndarray
+    error: float
+    data_hash: str
+
+
+def data(name: str, seed: int, frames: Sequence[int] = FRAMES) -> tuple[Scene, np.ndarray, np.ndarray]:
+    """Columns ``(17, R)`` and accelerations ``(R,)`` of states on an episode with smooth actions."""
+    run = Case(name, seed, truth="plain").record(max(frames), frames)
+    substeps = int(ExplicitSolver(run.scene).substeps[0])
+    blocks, wanted = [], []
+    for frame in frames:
+        state = run.states[frame]
+        blocks.append(columns(run.scene, *(a[0].reshape(3, -1) for a in (state.positions, state.velocities))))
+        wanted.append(accelerations(run.scene, state, run.controls[frame - 1], substeps))
+    return run.scene, np.concatenate(blocks, 1), np.concatenate(wanted)
+
+
+def solve(block: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Least squares of ``block.T @ numbers = wanted``, with its columns scaled to one size."""
+    size = np.sqrt((block**2).mean(1))
+    return lstsq((block / size[:, None]).T, wanted)[0] / size
+
+
+def identify(name: str, *, seed: int = 100, held_out: int = 200, frames: Sequence[int] = FRAMES) -> Identified:
+    """The cell of the scene ``name`` from one episode, tested on another."""
+    _, block, wanted = data(name, seed, frames)
+    key = hashlib.sha256(block.tobytes() + wanted.tobytes()).hexdigest()
+    by_class = solve(block, wanted)
+    shared = solve(SHARED.T @ block, wanted)
+    _, block, wanted = data(name, held_out, frames)
+    error = np.linalg.norm(shared @ SHARED.T @ block - wanted) / np.linalg.norm(wanted)
+    return Identified(shared[: len(SHEET)], by_class, shared[len(SHEET) :], float(error), key)
+
+
+def sheet_errors(name: str, factors: Mapping[str, float], *, dtype: str = "float32", seed: int = 200) -> list[float]:
+    """Mean distance from the reference's vertices after 1, 5 and 10 frames, in % of the cloth's length.
+
+    Both start from the reference's state after 20 frames, in ``dtype``.
+    """
+    run = Case(name, seed, truth="plain").record(30, [20])
+    solvers = CellSheet(run.scene, factors, dtype=dtype), ExplicitSolver(run.scene, dtype=dtype)
+    pairs = zip(*(replay(solver, run.states[20], run.controls[20:]) for solver in solvers), strict=True)
+    length = run.scene.grid.length
+    found = [float(vertex_error(own.positions, other.positions, length).mean[0]) for (own, _), (other, _) in pairs]
+    return [float(f"{found[frame - 1]:.2g}") for frame in (1, 5, 10)]

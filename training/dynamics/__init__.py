@@ -1,0 +1,1 @@
+"""The correction of the coarse dynamics: decimated truth, and its training."""

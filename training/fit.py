@@ -1,0 +1,157 @@
+"""The one training loop: Adam under a schedule, with a progress bar, that goes on bit for bit where it was stopped."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import dataclass
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+Rate = Callable[[int], float]  # of a step; the first one is 0
+
+
+def cosine(rate: float, steps: int, *, least: float = 0.0, warm: int = 0) -> Rate:
+    """From ``rate`` down along half a cosine, plus ``least`` of it; over the first ``warm`` steps it rises to that."""
+
+    def at(step: int) -> float:
+        step += warm > 0  # a step of no rate would be lost
+        rise = min(1.0, step / warm) if warm else 1.0
+        return rate * rise * (0.5 * (1 + math.cos(math.pi * step / steps)) + least)
+
+    return at
+
+
+def halved(rate: float, steps: int, times: int = 10) -> Rate:
+    """``rate``, halved after every ``1 / times`` of the steps."""
+    return lambda step: rate * 0.5 ** (step // max(1, steps // times))
+
+
+class Best:
+    """The weights of a network at which ``check()`` was the least, looked at every so many steps."""
+
+    def __init__(self, check: Callable[[], float], every: int) -> None:
+        self.check, self.every = check, every
+        self.least, self.weights = math.inf, dict[str, Any]()
+
+    def look(self, net: torch.nn.Module) -> None:
+        found = self.check()
+        if found < self.least:
+            self.least, self.weights = found, deepcopy(net.state_dict())
+
+
+@dataclass
+class _Training:
+    """What a checkpoint holds."""
+
+    net: torch.nn.Module
+    optimiser: torch.optim.Optimizer
+    rng: np.random.Generator | None
+    best: Best | None
+    done: int = 0
+    spent: float = 0.0  # s of the processor
+
+    def parts(self) -> dict[str, Any]:
+        """By name, of types that torch loads back without running code."""
+        parts: dict[str, Any] = {"net": self.net.state_dict(), "optimiser": self.optimiser.state_dict()}
+        parts |= {"done": self.done, "spent": self.spent}
+        if self.rng is not None:
+            parts["rng"] = json.dumps(self.rng.bit_generator.state)
+        return parts | ({"least": self.best.least, "best": self.best.weights} if self.best is not None else {})
+
+    def take_back(self, parts: dict[str, Any]) -> None:
+        self.net.load_state_dict(parts["net"])
+        self.optimiser.load_state_dict(parts["optimiser"])
+        self.done, self.spent = parts["done"], parts["spent"]
+        if self.rng is not None:
+            self.rng.bit_generator.state = json.loads(parts["rng"])
+        if self.best is not None:
+            self.best.least, self.best.weights = parts["least"], parts["best"]
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Where a training is kept meanwhile, and after its last step.
+
+    Attributes:
+        path: of the file. mark: text that tells recipe and data.
+        every: steps from one writing to the next.
+    """
+
+    path: Path
+    mark: str
+    every: int = 500
+
+    def read(self, training: _Training) -> None:
+        """Go on from what was written last, if anything was."""
+        if self.path.is_file():
+            parts = torch.load(self.path, weights_only=True)
+            if parts["mark"] != self.mark:
+                raise ValueError(f"{self.path} is of another recipe or other data: remove it to start again")
+            training.take_back(parts)
+
+    def write(self, training: _Training) -> None:
+        """Replace the file, when the new one is whole on disk."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        part = self.path.with_suffix(".part")
+        torch.save({"mark": self.mark, **training.parts()}, part)
+        part.replace(self.path)
+
+
+def fit(
+    net: torch.nn.Module,
+    loss: Callable[[int], torch.Tensor],
+    steps: int,
+    rate: Rate,
+    *,
+    label: str = "",
+    clip: float | None = None,
+    kept: Kept | None = None,
+    rng: np.random.Generator | None = None,
+    best: Best | None = None,
+) -> float:
+    """Change ``net`` by Adam until ``steps`` are done. Returns the processor's seconds for all of them.
+
+    Args:
+        net: parameters that require no gradient stay as they are.
+        loss: of a step. Its batch follows from the step's number and from ``rng``.
+        rate: of every step.
+        label: of the progress bar.
+        clip: largest norm of a gradient.
+        kept: where to go on.
+        rng: the generator that ``loss`` draws from, if it does.
+        best: whose weights are left in the end, instead of the last ones.
+
+    Raises:
+        ValueError: ``kept`` is of another training.
+    """
+    optimiser = torch.optim.Adam([p for p in net.parameters() if p.requires_grad])
+    training = _Training(net, optimiser, rng, best)
+    if kept is not None:
+        kept.read(training)
+    if best is not None and not training.done:
+        best.look(net)
+    clock, spent = process_time(), training.spent
+    for step in tqdm(range(training.done, steps), desc=label, initial=training.done, total=steps, disable=None):
+        for group in optimiser.param_groups:
+            group["lr"] = rate(step)
+        optimiser.zero_grad()
+        loss(step).backward()  # type: ignore[no-untyped-call]
+        if clip is not None:
+            torch.nn.utils.clip_grad_norm_(net.parameters(), clip)
+        optimiser.step()
+        training.done, training.spent = step + 1, spent + process_time() - clock
+        if best is not None and (training.done % best.every == 0 or training.done == steps):
+            best.look(net)
+        if kept is not None and (training.done % kept.every == 0 or training.done == steps):
+            kept.write(training)
+    if best is not None and best.weights:
+        net.load_state_dict(best.weights)
+    return training.spent

@@ -1,0 +1,1 @@
+"""Local upscalers: windows of miniature runs beside the truth, and their training."""

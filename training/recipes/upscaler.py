@@ -1,0 +1,82 @@
+"""How the published networks are trained here: one frozen recipe each.
+
+Lee et al. 2019 train for eight hours on a GPU, in batches of 50,000 at a rate of 1e-4. Here a network has a minute or
+two of one core: smaller batches, a rate that starts at 2e-3 and falls to nothing along a cosine, and
+(``start="bilinear"``) a network that begins as bilinear interpolation. See ``upscaler.train``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from training.cache import cache_folder
+
+SCENES = ("Curtain", "Flag", "Collision")
+FACTORS = (2, 3, 4)
+SHAPES = ((4, 32), (3, 64), (4, 64), (5, 64), (4, 128))  # of table 5
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A network and its training.
+
+    Attributes:
+        scene, preset, factor: what it is for.
+        inputs: ``"oracle"`` or ``"real"`` pairs, or the ``"triangles"`` of an H-DNN-like level.
+        features: ``"positions"``, ``"velocities"`` or ``"frames"``.
+        layers, width: ``U*FC-V``, hidden layers and their width.
+        start: ``"bilinear"``: twelve units of each hidden layer pass the corners on, so that the network starts as
+            bilinear interpolation, and stay as they are; ``"random"``: all units start at random.
+        steps, batch, rate: of Adam; the rate falls along half a cosine.
+    """
+
+    scene: str
+    factor: int = 2
+    preset: str = "lee2019"
+    inputs: str = "oracle"
+    features: str = "frames"
+    layers: int = 4
+    width: int = 64
+    start: str = "bilinear"
+    steps: int = 6000
+    batch: int = 1024
+    rate: float = 2e-3
+    seed: int = 0
+
+
+def _recipes() -> dict[str, Recipe]:
+    made: dict[str, Recipe] = {}
+    for scene in SCENES:
+        low = scene.lower()
+        for factor in FACTORS:
+            plain = Recipe(scene, factor)
+            made[f"fc-{low}-{factor}"] = plain
+            made[f"fc-{low}-{factor}-real"] = replace(plain, inputs="real")
+        plain = Recipe(scene)
+        for layers, width in SHAPES:
+            if (layers, width) != (plain.layers, plain.width):
+                made[f"fc-{low}-2-{layers}x{width}"] = replace(plain, layers=layers, width=width)
+        made[f"fc-{low}-2-real-4x128"] = replace(plain, inputs="real", width=128)
+        made[f"fc-{low}-2-random"] = replace(plain, start="random")
+        for factor in (2, 4):
+            triangle = replace(plain, factor=factor, inputs="triangles", features="positions", steps=4000)
+            made[f"hdnn-{low}-{factor}"] = triangle
+    for features in ("positions", "velocities"):
+        made[f"fc-flag-2-{features}"] = Recipe("Flag", features=features)
+    return made
+
+
+RECIPES = _recipes()
+# Those whose weights the package holds.
+SHIPPED = {f"{kind}-{scene.lower()}-{factor}" for kind in ("fc", "hdnn") for scene in SCENES for factor in FACTORS}
+
+
+def weights_name(name: str) -> str:
+    """Of the weights that recipe ``name`` makes: ``fc-flag-2`` makes ``fc_flag_2``."""
+    return name.replace("-", "_")
+
+
+def work_folder() -> Path:
+    """Of checkpoints; its ``weights`` are those that are not shipped."""
+    return cache_folder("upscalers")

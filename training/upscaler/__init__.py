@@ -1,0 +1,1 @@
+"""Published networks of upscaling: pairs out of generated trajectories, and their training."""
