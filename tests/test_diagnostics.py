@@ -7,6 +7,7 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
+from _minicloth_kernels import inspect
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
@@ -250,3 +251,22 @@ def test_a_net_of_particles_is_refused() -> None:
     scene = gym.make("MiniCloth-Pressure-v0", preset="zhao2024").unwrapped.scene
     with pytest.raises(ValueError, match="net of particles"):
         energy(scene, State.still(np.zeros((1, 3, *scene.grid.shape))))
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("periodic", [False, True])
+def test_the_compiled_check_is_the_largest_strain_and_the_energy(dtype: str, periodic: bool) -> None:
+    grid = Grid(5, 7, 0.5, 0.8, periodic=periodic)
+    x, v = np.random.default_rng(0).normal(size=(2, 2, 3, *grid.shape)).astype(dtype)
+    x[1, 2, 3, 4] = np.nan
+    (finite, largest, kinetic), (broken, _, _) = inspect(x, v, grid.row_spacing, grid.col_spacing, periodic)
+    along = (np.roll(x[0], -1, 2) - x[0])[..., : None if periodic else -1]
+    edges = [
+        np.linalg.norm(along, axis=0) / grid.col_spacing,
+        np.linalg.norm(np.diff(x[0], axis=1), axis=0) / grid.row_spacing,
+    ]
+    tolerance = 3 * grid.vertices * float(np.finfo(dtype).eps)  # a sum of squares of all components
+    assert largest + 1 == pytest.approx(max(edge.max() for edge in edges), rel=tolerance)
+    assert kinetic == pytest.approx(0.5 * np.square(v[0].astype(float)).sum() / grid.vertices, rel=tolerance)
+    assert finite
+    assert not broken

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
+from typing import Any
 
 import _minicloth_kernels as kernels
 import numpy as np
@@ -19,7 +20,10 @@ from cloth_envs.state import Controls, State
 # distance to the explicit solver after a fall of 0.5 s 23 / 38 / 56 / 259 mm, largest strain of a cloth hung by two
 # corners 0.110 / 0.090 / 0.087 / 0.089 (true: 0.086). With 5 iterations 0.1 makes that cloth tremble, 0.2 does not.
 WEIGHT = 0.2
-_KERNELS = {"float32": kernels.Admm32, "float64": kernels.Admm64}
+_KERNELS: dict[str, type[kernels.Admm32] | type[kernels.Admm64]] = {
+    "float32": kernels.Admm32,
+    "float64": kernels.Admm64,
+}
 
 
 class AdmmSolver(Solver):
@@ -75,12 +79,12 @@ class AdmmSolver(Solver):
             row_basis=modes(grid.rows, False)[0],
             col_basis=modes(grid.cols, grid.periodic)[0],
         )
-        self._systems: list[object] = [None] * num_envs
+        self._systems: list[Any] = [None] * num_envs  # the kernel's, of its dtype
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         scene, h = self.scene, self.scene.frame_dt / self.substeps
-        made: dict[Material, object] = {}
+        made: dict[Material, Any] = {}
         for i, m in zip(which, materials, strict=True):
             if m not in made:
                 material = kernel_material(scene, m)

@@ -14,7 +14,10 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
 MAX_SUBSTEPS = 20_000  # per frame
-_KERNELS = {"float32": kernels.Explicit32, "float64": kernels.Explicit64}
+_KERNELS: dict[str, type[kernels.Explicit32] | type[kernels.Explicit64]] = {
+    "float32": kernels.Explicit32,
+    "float64": kernels.Explicit64,
+}
 
 
 class ExplicitSolver(Solver):
@@ -51,13 +54,13 @@ class ExplicitSolver(Solver):
         super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
         self._refine, self._wanted = whole_number("refine", refine), substeps
         self._kernel = _KERNELS[dtype](kernel_sheet(scene))
-        self._materials = [kernel_material(scene, scene.material)] * num_envs
+        self._felt = [kernel_material(scene, scene.material)] * num_envs
         self.substeps = np.ones(num_envs, np.int32)
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         for i, m in zip(which, materials, strict=True):
-            self._materials[i] = kernel_material(self.scene, m)
+            self._felt[i] = kernel_material(self.scene, m)
             self.substeps[i] = self._count(m)
 
     def _count(self, material: Material) -> int:
@@ -73,4 +76,4 @@ class ExplicitSolver(Solver):
         return count
 
     def step(self, old: State, new: State, controls: Controls) -> None:
-        self._kernel.advance(old, new, controls, self._materials, self.substeps, self.threads)
+        self._kernel.advance(old, new, controls, self._felt, self.substeps, self.threads)

@@ -18,7 +18,10 @@ from cloth_envs.state import Controls, State
 NEIGHBOURS = np.array(
     [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1), (0, 2), (0, -2), (2, 0), (-2, 0)], np.int32
 )
-_KERNELS = {"float32": kernels.Particles32, "float64": kernels.Particles64}
+_KERNELS: dict[str, type[kernels.Particles32] | type[kernels.Particles64]] = {
+    "float32": kernels.Particles32,
+    "float64": kernels.Particles64,
+}
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,9 @@ def steps_a_frame(scene: Scene) -> int:
     return round(count)
 
 
-def make_kernel(scene: Scene, cell: Cell, *, dtype: str = "float32", refine: int = 1) -> kernels.Particles32 | kernels.Particles64:
+def make_kernel(
+    scene: Scene, cell: Cell, *, dtype: str = "float32", refine: int = 1
+) -> kernels.Particles32 | kernels.Particles64:
     """The compiled steps of ``scene`` with the forces of ``cell``; ``refine`` divides every step.
 
     A step is ``v = exp(-drag h) (v + h (F + p sum r_a x r_b) / m)``, then balls, then ``x += h v`` (eq. 5).

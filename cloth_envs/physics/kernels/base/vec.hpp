@@ -24,6 +24,10 @@ Vec<T> operator*(T s, const Vec<T>& a) {
   return {s * a.x, s * a.y, s * a.z};
 }
 template <class T>
+Vec<T> operator/(const Vec<T>& a, T s) {
+  return {a.x / s, a.y / s, a.z / s};
+}
+template <class T>
 T dot(const Vec<T>& a, const Vec<T>& b) {
   return a.x * b.x + a.y * b.y + a.z * b.z;
 }

@@ -10,8 +10,6 @@ namespace {
 
 constexpr double kStill = 1e-12;  // m; less slip than this is none
 
-double dot(const double* a, const double* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
 }  // namespace
 
 Contact::Contact(const Sheet& sheet, double slack)
@@ -35,82 +33,73 @@ void Contact::begin(const double* start, const double* base, const double* bodie
     if (body_[i] >= 0) hold_[i] = kFree, body_[i] = -1, load_[i] = 0;
 }
 
-Contact::Hit Contact::nearest(int body, const double* x) const {
+Contact::Point Contact::at(const double* x, int i) const { return {x[i], x[n_ + i], x[2 * n_ + i]}; }
+
+void Contact::put(double* x, int i, const Point& p) const { x[i] = p.x, x[n_ + i] = p.y, x[2 * n_ + i] = p.z; }
+
+Contact::Hit Contact::hit(int body, const Point& x) const {
   const auto& ends = end_[body].p;
-  Hit hit = {};
+  const double radius = bodies_[body].radius;
   if (bodies_[body].plane) {
-    for (int k = 0; k < 3; ++k) hit.normal[k] = ends[1][k], hit.gap += ends[1][k] * (x[k] - ends[0][k]);
-    hit.gap -= bodies_[body].radius;
-    return hit;
+    const Point normal = vec(ends[1]);
+    return {normal, dot(normal, x - vec(ends[0])) - radius, 0};
   }
-  hit.s = minicloth::nearest(ends, vec(x));
-  for (int k = 0; k < 3; ++k) hit.normal[k] = x[k] - (ends[0][k] + hit.s * (ends[1][k] - ends[0][k]));
-  const double size = std::sqrt(dot(hit.normal, hit.normal));
-  for (double& k : hit.normal) k /= size > 0 ? size : 1;
-  hit.gap = size - bodies_[body].radius;
-  return hit;
+  const double s = nearest(ends, x);
+  const Point away = x - axis_point(ends, s);
+  const double size = std::sqrt(dot(away, away)), scale = size > 0 ? size : 1;
+  return {away / scale, size - radius, s};
 }
 
 // Where a vertex would be that has moved with the body since the base of the stage.
-void Contact::anchor(int i, int body, double s, double* out) const {
+Contact::Point Contact::anchor(int i, int body, double s) const {
   const auto &from = base_[body].p, &to = end_[body].p;
-  for (int k = 0; k < 3; ++k)
-    out[k] = x_base_[k * n_ + i] + (1 - s) * (to[0][k] - from[0][k]) +
-             (bodies_[body].plane ? 0.0 : s * (to[1][k] - from[1][k]));
+  const Point carried = at(x_base_.data(), i) + (1 - s) * (vec(to[0]) - vec(from[0]));
+  return bodies_[body].plane ? carried : carried + s * (vec(to[1]) - vec(from[1]));
 }
 
 // Onto the surface, along the normal there.
-void Contact::place(int body, double* x) const {
-  const Hit hit = nearest(body, x);
-  for (int k = 0; k < 3; ++k) x[k] -= hit.gap * hit.normal[k];
+Contact::Point Contact::placed(int body, const Point& x) const {
+  const Hit h = hit(body, x);
+  return x - h.gap * h.normal;
 }
 
 // Whether the vertex is inside the body, or passed through the half of it that it came from; then x is moved
 // to the tangent plane where it came in (if it is behind the middle) and onto the surface.
-bool Contact::enters(int b, int i, double* x) const {
-  const Hit hit = nearest(b, x);
+bool Contact::enters(int b, int i, Point& x) const {
+  const Hit h = hit(b, x);
   if (bodies_[b].plane) {
-    if (hit.gap >= 0) return false;
-    place(b, x);
+    if (h.gap >= 0) return false;
+    x = placed(b, x);
     return true;
   }
   // In the frame of the nearest point of the axis the vertex went from p0 to p1.
-  const double radius = bodies_[b].radius, from[3] = {x_start_[i], x_start_[n_ + i], x_start_[2 * n_ + i]};
+  const double radius = bodies_[b].radius;
+  const Point from = at(x_start_.data(), i);
   const auto& then = start_[b].p;
-  const double s = minicloth::nearest(then, vec(from));
-  double p0[3], p1[3], way[3];
-  for (int k = 0; k < 3; ++k) {
-    p0[k] = from[k] - (then[0][k] + s * (then[1][k] - then[0][k]));
-    p1[k] = (hit.gap + radius) * hit.normal[k];
-    way[k] = p1[k] - p0[k];
-  }
+  const Point p0 = from - axis_point(then, nearest(then, from)), p1 = (h.gap + radius) * h.normal, way = p1 - p0;
   const double outside = dot(p0, p0) - radius * radius, along = dot(p0, way);
-  double n[3] = {p0[0], p0[1], p0[2]};
+  Point n = p0;
   if (outside > 0) {
     const double root = along * along - dot(way, way) * outside;
     if (root > 0 && along < 0) {
       const double time = outside / (std::sqrt(root) - along);
-      for (int k = 0; k < 3; ++k) n[k] += std::min(time, 1.0) * way[k];
-      if (time > 1 && hit.gap >= 0) return false;
-    } else if (hit.gap >= 0) {
+      n = n + std::min(time, 1.0) * way;
+      if (time > 1 && h.gap >= 0) return false;
+    } else if (h.gap >= 0) {
       return false;
     }
   }
   const double size = std::sqrt(dot(n, n)), front = size > 0 ? dot(n, p1) / size : 0.0;
-  if (front > 0 && hit.gap >= 0) return false;  // it went round
-  if (front <= 0 && size > 0)
-    for (int k = 0; k < 3; ++k) x[k] += (radius - front) * n[k] / size;
-  place(b, x);
+  if (front > 0 && h.gap >= 0) return false;  // it went round
+  if (front <= 0 && size > 0) x = x + (radius - front) * n / size;
+  x = placed(b, x);
   return true;
 }
 
 // Displacement along the surface from where the body would have carried the vertex.
-void Contact::slip(int i, int body, const Hit& hit, const double* x, double* out) const {
-  double carried[3];
-  anchor(i, body, hit.s, carried);
-  for (int k = 0; k < 3; ++k) out[k] = x[k] - carried[k];
-  const double away = dot(out, hit.normal);
-  for (int k = 0; k < 3; ++k) out[k] -= away * hit.normal[k];
+Contact::Point Contact::slip(int i, int body, const Hit& h, const Point& x) const {
+  const Point moved = x - anchor(i, body, h.s);
+  return moved - dot(moved, h.normal) * h.normal;
 }
 
 void Contact::project(const double* from, double* x) const {
@@ -118,61 +107,56 @@ void Contact::project(const double* from, double* x) const {
   for (int i = 0; i < n_; ++i) {
     const int held = body_[i];
     if (held < 0 && hold_[i] != kFree) continue;
-    double at[3] = {x[i], x[n_ + i], x[2 * n_ + i]};
+    Point here = at(x, i);
     if (held >= 0) {
-      place(held, at);
+      here = placed(held, here);
       if (bodies_[held].friction > 0) {
         // A slip that would turn round ends at rest.
-        const double old[3] = {from[i], from[n_ + i], from[2 * n_ + i]};
-        double before[3], after[3];
-        const Hit hit = nearest(held, at);
-        slip(i, held, nearest(held, old), old, before), slip(i, held, hit, at, after);
-        if (dot(before, before) > kStill * kStill && dot(before, after) <= 0) {
-          anchor(i, held, hit.s, at);
-          place(held, at);
-        }
+        const Point old = at(from, i);
+        const Hit h = hit(held, here);
+        const Point before = slip(i, held, hit(held, old), old), after = slip(i, held, h, here);
+        if (dot(before, before) > kStill * kStill && dot(before, after) <= 0) here = placed(held, anchor(i, held, h.s));
       }
     }
     for (int b = 0; b < int(bodies_.size()); ++b)
-      if (b != held) enters(b, i, at);
-    for (int k = 0; k < 3; ++k) x[k * n_ + i] = at[k];
+      if (b != held) enters(b, i, here);
+    put(x, i, here);
   }
 }
 
 double Contact::classify(const double* x, const double* g, const double* mass, double* free_gradient) {
   double most = 0;
   for (int i = 0; i < n_; ++i) {
-    double f[3] = {g[i], g[n_ + i], g[2 * n_ + i]};
+    Point f = at(g, i);
     if (body_[i] < 0 && hold_[i] != kFree) {  // a handle
-      for (int k = 0; k < 3; ++k) free_gradient[k * n_ + i] = 0;
+      put(free_gradient, i, {0, 0, 0});
       continue;
     }
     if (!bodies_.empty()) {
-      const double at[3] = {x[i], x[n_ + i], x[2 * n_ + i]};
+      const Point here = at(x, i);
       hold_[i] = kFree, body_[i] = -1, load_[i] = 0;
       Hit pressed = {};
       for (int b = 0; b < int(bodies_.size()); ++b) {
-        const Hit hit = nearest(b, at);
-        const double load = dot(hit.normal, f);
-        if (hit.gap <= slack_ && load > load_[i]) load_[i] = load, body_[i] = b, pressed = hit;
+        const Hit h = hit(b, here);
+        const double load = dot(h.normal, f);
+        if (h.gap <= slack_ && load > load_[i]) load_[i] = load, body_[i] = b, pressed = h;
       }
       if (const int b = body_[i]; b >= 0) {
-        const double *n = pressed.normal, most_friction = bodies_[b].friction * load_[i];
-        for (int k = 0; k < 3; ++k) f[k] -= load_[i] * n[k];
-        double u[3];
-        slip(i, b, pressed, at, u);
+        const double most_friction = bodies_[b].friction * load_[i];
+        f = f - load_[i] * pressed.normal;
+        const Point u = slip(i, b, pressed, here);
         const double way = std::sqrt(dot(u, u)), pull = std::sqrt(dot(f, f));
         hold_[i] = kSlides;
         if (way > kStill)
-          for (int k = 0; k < 3; ++k) f[k] += most_friction * u[k] / way;
+          f = f + most_friction * u / way;
         else if (pull > most_friction)
-          for (double& k : f) k *= 1 - most_friction / pull;
+          f = (1 - most_friction / pull) * f;
         else
-          hold_[i] = kSticks, f[0] = f[1] = f[2] = 0;
+          hold_[i] = kSticks, f = {0, 0, 0};
       }
     }
     most = std::max(most, dot(f, f) / (mass[i] * mass[i]));
-    for (int k = 0; k < 3; ++k) free_gradient[k * n_ + i] = f[k];
+    put(free_gradient, i, f);
   }
   return std::sqrt(most);
 }
@@ -182,44 +166,31 @@ double Contact::friction(const double* x, double* g) const {
   for (int i = 0; i < n_; ++i) {
     const int b = body_[i];
     if (b < 0) continue;
-    const double at[3] = {x[i], x[n_ + i], x[2 * n_ + i]}, most = bodies_[b].friction * load_[i];
-    double u[3];
-    slip(i, b, nearest(b, at), at, u);
-    const double way = std::sqrt(dot(u, u));
+    const Point here = at(x, i), u = slip(i, b, hit(b, here), here);
+    const double most = bodies_[b].friction * load_[i], way = std::sqrt(dot(u, u));
     energy += most * way;
-    if (way > kStill)
-      for (int k = 0; k < 3; ++k) g[k * n_ + i] += most * u[k] / way;
+    if (way > kStill) put(g, i, at(g, i) + most * u / way);
   }
   return energy;
 }
 
 void Contact::confine(const double* x, double* d) const {
   for (int i = 0; i < n_; ++i) {
-    if (hold_[i] == kFree) continue;
-    double along = 0;
-    Hit hit = {};
-    if (hold_[i] == kSlides) {
-      const double at[3] = {x[i], x[n_ + i], x[2 * n_ + i]};
-      hit = nearest(body_[i], at);
-      for (int k = 0; k < 3; ++k) along += hit.normal[k] * d[k * n_ + i];
-    }
-    for (int k = 0; k < 3; ++k) d[k * n_ + i] = hold_[i] == kSticks ? 0.0 : d[k * n_ + i] - along * hit.normal[k];
+    if (hold_[i] == kSticks) put(d, i, {0, 0, 0});
+    if (hold_[i] != kSlides) continue;
+    const Point normal = hit(body_[i], at(x, i)).normal, way = at(d, i);
+    put(d, i, way - dot(normal, way) * normal);
   }
 }
 
 void Contact::finish(const double* x, const double* g, const double* free_gradient, double* v, double* reaction) const {
   for (int i = 0; i < n_; ++i) {
     const int b = body_[i];
-    for (int k = 0; k < 3; ++k) reaction[k * n_ + i] = b < 0 ? 0.0 : g[k * n_ + i] - free_gradient[k * n_ + i];
+    put(reaction, i, b < 0 ? Point{0, 0, 0} : at(g, i) - at(free_gradient, i));
     if (b < 0) continue;
-    const double at[3] = {x[i], x[n_ + i], x[2 * n_ + i]};
-    const Hit hit = nearest(b, at);
-    double carried[3], along = 0;
-    anchor(i, b, hit.s, carried);
-    for (int k = 0; k < 3; ++k) carried[k] = (carried[k] - x_base_[k * n_ + i]) / tau_;
-    for (int k = 0; k < 3; ++k) along += hit.normal[k] * (carried[k] - v[k * n_ + i]);
-    for (int k = 0; k < 3; ++k)
-      v[k * n_ + i] = hold_[i] == kSticks ? carried[k] : v[k * n_ + i] + along * hit.normal[k];
+    const Hit h = hit(b, at(x, i));
+    const Point carried = (anchor(i, b, h.s) - at(x_base_.data(), i)) / tau_, own = at(v, i);
+    put(v, i, hold_[i] == kSticks ? carried : own + dot(h.normal, carried - own) * h.normal);
   }
 }
 

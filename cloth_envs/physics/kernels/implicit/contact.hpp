@@ -2,6 +2,7 @@
 #pragma once
 #include <vector>
 
+#include "../base/vec.hpp"
 #include "../sheet/sheet.hpp"
 
 namespace minicloth {
@@ -32,14 +33,18 @@ class Contact {
   struct Ends {
     double p[2][3];
   };
+  using Point = Vec<double>;
   struct Hit {
-    double normal[3], gap, s;
+    Point normal;
+    double gap, s;
   };
-  Hit nearest(int body, const double* x) const;
-  void anchor(int vertex, int body, double s, double* out) const;
-  void place(int body, double* x) const;
-  bool enters(int body, int vertex, double* x) const;
-  void slip(int vertex, int body, const Hit& hit, const double* x, double* out) const;
+  Point at(const double* x, int vertex) const;
+  void put(double* x, int vertex, const Point& p) const;
+  Hit hit(int body, const Point& x) const;
+  Point anchor(int vertex, int body, double s) const;
+  Point placed(int body, const Point& x) const;
+  bool enters(int body, int vertex, Point& x) const;
+  Point slip(int vertex, int body, const Hit& hit, const Point& x) const;
   int n_;
   double slack_, tau_ = 1;
   std::vector<Body> bodies_;
