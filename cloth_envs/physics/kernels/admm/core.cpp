@@ -82,7 +82,8 @@ void Admm<T>::advance(const Frame<T>& f, const System<T>& system) const {
                             T(m.bend_stiffness), T(1 / (1 + weight_)), T(m.areal_density / (dt * dt))};
   const AirTerms<T> blow = air_terms(sheet_, f, dt / (2 * m.areal_density));
   const bool air = sheet_.wind || sheet_.pressure;
-  const auto handles = handles_of(sheet_, f, [&](int vertex) { return g.at(vertex); });
+  auto handles = handles_of(sheet_, f, [&](int vertex) { return g.at(vertex); });
+  for (Handle& h : handles) h.moves = true;  // on its cubic even at rest, which turns -0 into 0
   MovingBodies<T> bodies(sheet_, f, dt);
 
   for (int substep = 0; substep < substeps_; ++substep) {

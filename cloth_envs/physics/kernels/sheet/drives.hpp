@@ -21,18 +21,18 @@ struct Handle {
   int at;  // its place in planes
   bool moves;
   Cubic path[3];
-  double frame_dt, zero;
-  double position(int axis, double s) const { return moves ? path[axis].position(s) : path[axis].p0 + zero; }
+  double frame_dt;
+  double position(int axis, double s) const { return moves ? path[axis].position(s) : path[axis].p0; }
   double velocity(int axis, double s) const { return moves ? path[axis].velocity(s) / frame_dt : 0.0; }
 };
 
-// The handles, where place(vertex) says. Zero is 0.0, or -0.0 where a handle that is held at -0.0 shall stay so.
+// The handles, where place(vertex) says.
 template <class T, class Place>
-std::vector<Handle> handles_of(const Sheet& sheet, const Frame<T>& f, const Place& place, double zero = 0.0) {
+std::vector<Handle> handles_of(const Sheet& sheet, const Frame<T>& f, const Place& place) {
   const int n = sheet.rows * sheet.cols;
   std::vector<Handle> handles(sheet.handles.size());
   for (std::size_t h = 0; h < handles.size(); ++h) {
-    handles[h] = {place(sheet.handles[h]), false, {}, sheet.frame_dt, zero};
+    handles[h] = {place(sheet.handles[h]), false, {}, sheet.frame_dt};
     for (int k = 0; k < 3; ++k) {
       const int i = k * n + sheet.handles[h];
       const Cubic path = {f.x[i], f.v[i] * sheet.frame_dt, f.handle_x[3 * h + k],
