@@ -17,9 +17,9 @@ from cloth_envs.naming import resolve
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from training.bench.benchmark import find
-from training.bench.peers import rows as peers_rows
+from training.bench.peers import results as peers_rows
 from training.bench.peers import run as peers
-from training.bench.peers.rows import TOLERANCE
+from training.bench.peers.results import TOLERANCE
 from training.bench.peers.scenes import (
     DROP,
     EARLY,
@@ -50,7 +50,7 @@ def peer(request: pytest.FixtureRequest) -> Callable[..., Peer]:
 
 
 def truth(setup: Setup, **options: object) -> Any:
-    return peers.make(peers.Entry(peers_rows.OWN, {**peers.TRUTH, **options}), setup)
+    return peers.make(peers.setting(peers_rows.OWN, {**peers.TRUTH, **options}), setup)
 
 
 def test_scenes_are_those_of_the_table() -> None:
@@ -112,7 +112,7 @@ def test_explicit_taichi_computes_our_forces(name: str) -> None:
     if reason := peers.missing("Taichi"):
         pytest.skip(reason)
     setup = build(name, 4)
-    taichi: Any = peers.make(peers.Entry("Taichi", {"method": "explicit"}), setup)
+    taichi: Any = peers.make(peers.setting("Taichi", {"method": "explicit"}), setup)
     ours = truth(setup, dtype="float32", refine=1)
     ours.reset(setup.start)
     assert [taichi.substeps] == ours.substeps
@@ -135,8 +135,8 @@ def test_xpbd_tends_to_our_truth() -> None:
     true = follow(setup, truth(setup), seconds=EARLY).early
     errors = []
     for substeps in (20, 40, 80):
-        engine = peers.make(peers.Entry("Taichi", {"method": "xpbd", "substeps": substeps}), setup)
-        errors.append(error_mm(setup, follow(setup, engine, seconds=EARLY).early, true))
+        engine = peers.make(peers.setting("Taichi", {"method": "xpbd", "substeps": substeps}), setup)
+        errors.append(error_mm(follow(setup, engine, seconds=EARLY).early, true))
     # First order in the step: halves; 1.5 leaves room for the second. Steps below half a millisecond round.
     assert errors[1] < errors[0] / 1.5
     assert errors[2] < errors[1] / 1.5
@@ -190,13 +190,13 @@ def test_slow_motion_failures_and_long_runs_are_told() -> None:
     slow = follow(setup, truth(replace(setup, scene=weaker(setup.scene))))
     assert lag(setup, slow.late, true.late) > TOLERANCE
     assert lag(setup, true.late, true.late) == 0
-    assert error_mm(setup, slow.early, true.early) > 1
+    assert error_mm(slow.early, true.early) > 1
     assert 0 < p99(setup, true.late) < 0.05
     assert len(true.seconds) == setup.frames(LATE)
     broken = follow(setup, Broken(truth(setup)))  # type: ignore[arg-type]
     assert broken.failure == "non-finite at frame 2"
     assert broken.late is None
-    assert np.isnan(error_mm(setup, broken.early, true.early))
+    assert np.isnan(error_mm(broken.early, true.early))
     assert np.isnan(lag(setup, broken.late, true.late))
     assert follow(setup, truth(setup), limit=0).failure == "stopped after 0 s, at frame 1"
 

@@ -16,9 +16,17 @@ import cloth_envs
 from cloth_envs.registry import SCENES
 from cloth_envs.world import World
 from training.bench.transfer import run as transfer
-from training.bench.transfer.policies import FORMS
-from training.bench.transfer.rows import RANDOM, REFERENCE, ZERO, EpisodeRow, TrainingRow, half_width, summaries, table
-from training.bench.transfer.search import FIRST_SEED, CmaEs, train
+from training.bench.transfer.policies import FIRST_SEED, FORMS, CmaEs, train
+from training.bench.transfer.results import (
+    RANDOM,
+    REFERENCE,
+    ZERO,
+    EpisodeRow,
+    TrainingRow,
+    half_width,
+    summaries,
+    table,
+)
 from training.rollouts import play
 
 
@@ -105,7 +113,7 @@ def test_training_is_repeatable_and_plays_no_held_out_seed(monkeypatch: pytest.M
         played.extend(seeds)
         return play(world, act, seeds, frames)
 
-    monkeypatch.setattr("training.bench.transfer.search.play", watched)
+    monkeypatch.setattr("training.bench.transfer.policies.play", watched)
     options = {"frames": 3, "generations": 2, "population": 4, "seed": 1}
     runs = [train(small(8), FORMS["Flag"], **options) for _ in range(2)]
     np.testing.assert_array_equal(*runs)

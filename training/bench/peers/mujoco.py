@@ -16,7 +16,7 @@ import numpy as np
 from cloth_envs.physics.laws.air import wind_forces
 from training.bench.peers.scenes import Peer, Setup
 
-CONTACT = "0.004 1"  # solref of contact: the stiff end of what the documentation recommends
+SOLREF = "0.004 1"  # of contact and of edges: the stiff end of what the documentation recommends
 
 
 def sheet(setup: Setup) -> tuple[float, float, float]:
@@ -29,25 +29,22 @@ def sheet(setup: Setup) -> tuple[float, float, float]:
     return young_thickness / thickness, poisson, thickness
 
 
-def document(setup: Setup, method: str, step: float, solver: str, iterations: int, solref: float, passive: bool) -> str:
+def document(setup: Setup, method: str, step: float, solver: str, iterations: int, passive: bool) -> str:
     """The model as MJCF."""
     scene, grid = setup.scene, setup.scene.grid
     young, poisson, thickness = sheet(setup)
     points = " ".join(f"{value:.9g}" for value in np.moveaxis(setup.rest, 0, -1).ravel())
     elements = " ".join(map(str, grid.triangles.ravel()))
     held = f'<pin id="{" ".join(map(str, scene.handles))}"/>' if scene.handles else ""
-    integrator = "implicitfast" if method == "edges" else "discrete"
-    terms = {"elastic": "both", "membrane": "stretch"}
-    cloth = (
-        f'<edge equality="true" solref="{solref} 1"/>'
-        if method == "edges"
-        else f'<elasticity young="{young}" poisson="{poisson}" thickness="{thickness}" '
-        f'damping="{scene.material.damping}" elastic2d="{terms[method]}"/>'
-    )
+    integrator, cloth = "implicitfast", f'<edge equality="true" solref="{SOLREF}"/>'
+    if method != "edges":
+        integrator, terms = "discrete", {"elastic": "both", "membrane": "stretch"}[method]
+        cloth = f'<elasticity young="{young}" poisson="{poisson}" thickness="{thickness}" '
+        cloth += f'damping="{scene.material.damping}" elastic2d="{terms}"/>'
     body = scene.colliders[0] if scene.colliders else None
-    sphere = f'<geom type="sphere" size="{body.radius}" friction="{body.friction} 0 0"/>' if body else ""
     friction = f'friction="{body.friction} 0 0"' if body else ""
-    contact = f'<contact selfcollide="none" solref="{CONTACT}" passive="{str(passive).lower()}" {friction}/>'
+    sphere = f'<geom type="sphere" size="{body.radius}" {friction}/>' if body else ""
+    contact = f'<contact selfcollide="none" solref="{SOLREF}" passive="{str(passive).lower()}" {friction}/>'
     flags = f'<flag autoreset="disable" contact="{"enable" if body else "disable"}"/>'
     return f"""<mujoco>
       <option timestep="{step}" integrator="{integrator}" solver="{solver}" iterations="{iterations}"
@@ -65,7 +62,6 @@ class MujocoCloth(Peer):
     Args:
         substeps: of a frame.
         solver, iterations: of the constraints.
-        solref: time constant of the edges' constraints [s].
         passive: contact by implicit penalty forces, without friction.
     """
 
@@ -76,14 +72,13 @@ class MujocoCloth(Peer):
         substeps: int = 1,
         solver: str = "Newton",
         iterations: int = 100,
-        solref: float = 0.004,
         passive: bool = False,
     ) -> None:
         mujoco.set_mju_user_warning(lambda _: None)  # keeps it from writing a log file where it is run
         super().__init__(setup)
         self.substeps = substeps
         scene = setup.scene
-        text = document(setup, method, scene.frame_dt / substeps, solver, iterations, solref, passive)
+        text = document(setup, method, scene.frame_dt / substeps, solver, iterations, passive)
         self.model = mujoco.MjModel.from_xml_string(text)
         self.free = ~setup.pins
         self.model.body_mass[1:] = scene.mass[self.free]

@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from itertools import repeat
 from time import perf_counter, process_time
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -41,7 +42,6 @@ WAVE = 0.005
 class Setup:
     """A scene, its start, the unstrained sheet ``(3, rows, cols)`` there, and controls that hold for every frame."""
 
-    name: str
     scene: Scene
     start: State
     rest: np.ndarray
@@ -67,30 +67,27 @@ def build(name: str, coarse: int = 1) -> Setup:
     """
     rows, cols, height, width = {"A": (73, 49, 1.5, 1.0), "B": (33, 49, 1.0, 1.5), "C": (61, 41, 1.5, 1.0)}[name]
     grid = Grid((rows - 1) // coarse + 1, (cols - 1) // coarse + 1, height, width)
-    along, down = np.linspace(0, width, grid.cols), np.linspace(0, height, grid.rows)[:, None]
-    positions = np.zeros((1, 3, *grid.shape))
-    bodies = None
-    if name == "A":
-        scene = Scene("A", grid, Material(), 0.04, handles=tuple(range(grid.cols)))
-        positions[0, 0], positions[0, 1] = along, -down
-    elif name == "B":
+    options: dict[str, Any] = {"handles": tuple(range(grid.cols))}
+    if name == "B":
         hoist = tuple(grid.index(row, 0) for row in range(grid.rows))
-        scene = Scene("B", grid, Material(), 0.04, handles=hoist, drag=False, wind=Wind())
-        positions[0, 0], positions[0, 2] = along, -down
-    else:
-        scene = Scene("C", grid, Material(), 0.02, colliders=(Collider("sphere", RADIUS),))
-        x, y = along - width / 2, height / 2 - down
-        positions[0, 0], positions[0, 1] = x, y
-        positions[0, 2] = RADIUS + scene.thickness + DROP
-        bodies = np.zeros((1, 1, 2, 3))
-    rest = positions[0].copy()
+        options = {"handles": hoist, "drag": False, "wind": Wind()}
+    elif name == "C":
+        options = {"colliders": (Collider("sphere", RADIUS),)}
+    scene = Scene(name, grid, Material(), 0.02 if name == "C" else 0.04, **options)
+    rest = np.zeros((3, *grid.shape))
+    rest[0] = np.linspace(0, width, grid.cols)
+    rest[2 if name == "B" else 1] = -np.linspace(0, height, grid.rows)[:, None]
     if name == "C":
+        rest += np.reshape([-width / 2, height / 2, RADIUS + scene.thickness + DROP], (3, 1, 1))
+    positions = rest[None].copy()
+    if name == "C":
+        x, y = rest[:2]
         positions[0, 2] += WAVE * np.sin(4 * np.pi * x / width + 0.5) * np.cos(6 * np.pi * y / height + 0.3)
-    start = State.still(positions, bodies)
+    start = State.still(positions, np.zeros((1, len(scene.colliders), 2, 3)))
     controls = Controls.hold(start, scene.handles)
     if scene.wind is not None:
         controls.wind[:] = WIND
-    return Setup(name, scene, start, rest, controls)
+    return Setup(scene, start, rest, controls)
 
 
 class Stopwatch:
@@ -156,16 +153,15 @@ class Peer(ABC):
         return self.state
 
 
-@dataclass(frozen=True)
-class Trace:
+class Trace(NamedTuple):
     """What a run left: states at the early and the late time (None after a failure), and every frame's wall clock and
     processor time ``(frames, 2)`` [s].
     """
 
-    early: State | None
-    late: State | None
-    seconds: np.ndarray
-    failure: str
+    early: State | None = None
+    late: State | None = None
+    seconds: np.ndarray = np.zeros((0, 2))
+    failure: str = ""
 
 
 def follow(setup: Setup, engine: Backend, *, seconds: float = LATE, limit: float = np.inf) -> Trace:
@@ -189,7 +185,7 @@ def follow(setup: Setup, engine: Backend, *, seconds: float = LATE, limit: float
     return Trace(kept.get(setup.frames(EARLY)), kept.get(setup.frames(LATE)), np.array(times), failure)
 
 
-def error_mm(setup: Setup, state: State | None, truth: State | None) -> float:
+def error_mm(state: State | None, truth: State | None) -> float:
     """Mean distance of the vertices [mm]; NaN where one is missing."""
     if state is None or truth is None:
         return float("nan")

@@ -1,15 +1,20 @@
-"""Rows of the peers benchmark: who is faster at equal error, and the table."""
+"""Rows of the peers benchmark: who is faster at equal error, the table, and the chart."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from cloth_envs.style import COLORS, INK, MARKERS, import_figure, limits, spread
+from training.bench.charts import SHADE, dress, save
 from training.bench.peers.scenes import TITLES
 
+STEM = "peers"
 OWN = "MiniCloth"
 TOLERANCE = 0.05  # of the truth's way, by which the mean height may lag or lead
 EQUAL = 1.05  # errors within 5 % count as equal: single precision rounds differently in each engine
@@ -61,6 +66,22 @@ class PeerRow:
 
 
 PEER_KEY = ("scene", "engine", "settings")
+BLUE, RED, GREEN, PINK, ORANGE, SKY = COLORS
+STYLES = {
+    "MiniCloth explicit": (BLUE, MARKERS[0]),
+    "MiniCloth admm": (SKY, MARKERS[1]),
+    "MiniCloth implicit": (GREEN, MARKERS[2]),
+    "Taichi explicit": (RED, MARKERS[3]),
+    "Taichi xpbd": (ORANGE, MARKERS[4]),
+    "MuJoCo elastic": (PINK, MARKERS[5]),
+    "MuJoCo membrane": (INK, MARKERS[0]),
+    "MuJoCo membrane, no friction": (INK, MARKERS[1]),
+    "MuJoCo edges": ("#7a858e", MARKERS[2]),
+}
+NOTE = (
+    "Errors against the nearer of our truth and the engine's own model at a fine step. Hollow: in 0.5 s the mean "
+    "height lags or leads by over 5 % of its way, or the run failed later. Grey: below the chaos floor."
+)
 
 
 def label(row: PeerRow) -> str:
@@ -109,3 +130,58 @@ def table(rows: Sequence[PeerRow]) -> str:
             for peer, _ in ((p, m) for p, m in found if m is None):
                 lines.append(f"none of ours is as near as {label(peer)}")
     return "\n".join(lines)
+
+
+def family(row: PeerRow) -> str:
+    """The curve that a row belongs to."""
+    options = json.loads(row.settings)
+    name = " ".join(filter(None, [row.engine, options.get("method", options.get("solver"))]))
+    return name + ", no friction" if options.get("passive") else name
+
+
+def panel(axes: Any, rows: Sequence[PeerRow]) -> list[tuple[float, float, str, str]]:
+    """One scene; returns the slow ends of its curves, their names and colours."""
+    shown = [r for r in rows if np.isfinite(r.error) and r.error > 0]
+    low, high = limits(min(r.ms for r in shown), max(r.ms for r in shown), 0.1)
+    bottom, top = limits(min(r.error for r in shown), max(r.error for r in shown), 0.08)
+    room = (high / low) ** 0.62  # for the names
+    axes.set(xscale="log", yscale="log", xlim=(low, high * room), ylim=(bottom, top))
+    axes.set_xticks([t for t in 10.0 ** np.arange(-3, 6) if low <= t <= high])
+    axes.set_xticks([], minor=True)
+    if rows[0].floor_early_mm > bottom:
+        axes.axhspan(bottom, rows[0].floor_early_mm, color=SHADE, alpha=0.4, lw=0, zorder=1)
+    ends = []
+    for name in dict.fromkeys((*STYLES, *map(family, shown))):
+        some = sorted((r for r in shown if family(r) == name), key=lambda r: r.ms)
+        if some:
+            color, marker = STYLES.get(name, (INK, "X"))
+            axes.plot([r.ms for r in some], [r.error for r in some], color=color, lw=1.2, alpha=0.7, zorder=2)
+            for r in some:
+                fill, edge = (color, "white") if r.passed else ("white", color)
+                axes.plot(r.ms, r.error, marker, ms=6, mfc=fill, mec=edge, mew=0.9, zorder=3)
+            ends.append((some[-1].ms, some[-1].error, name, color))
+    dress(axes, TITLES[rows[0].scene])
+    return ends
+
+
+def draw(rows: Mapping[str, Sequence[PeerRow]], folder: Path, setup: str) -> None:
+    """Error against time a frame, a panel a scene; names stand in a column, each led to its curve's slow end."""
+    scenes = list(dict.fromkeys(r.scene for r in rows.get(STEM, ())))
+    if not scenes:
+        return
+    figure = import_figure()(figsize=(10.5, 4.0), layout="constrained")
+    panels = figure.subplots(1, len(scenes), squeeze=False)[0]
+    found = [[r for r in rows[STEM] if r.scene == scene] for scene in scenes]
+    curves = [panel(axes, mine) for axes, mine in zip(panels, found, strict=True)]
+    panels[0].set_ylabel("mean vertex error after 0.2 s [mm]", fontsize=9, color=INK)
+    about = "processor time for a frame, one thread [ms] (left is faster, down is closer)"
+    figure.supxlabel(about, fontsize=9, color=INK)
+    figure.draw_without_rendering()
+    for axes, ends in zip(panels, curves, strict=True):
+        pixels, dot = axes.transData.transform([end[:2] for end in ends]), figure.dpi / 72
+        column = pixels[:, 0].max() + 12 * dot
+        for (x, y, name, color), at in zip(ends, spread(pixels[:, 1], 10.5 * dot), strict=True):
+            line = {"arrowstyle": "-", "color": color, "lw": 0.6, "alpha": 0.6, "shrinkA": 1, "shrinkB": 5}
+            place = axes.transData.inverted().transform((column, at))
+            axes.annotate(name, (x, y), place, va="center", fontsize=7.5, color=color, zorder=4, arrowprops=line)
+    save(figure, f"{setup}. {NOTE}", folder, STEM, size=7.5)
