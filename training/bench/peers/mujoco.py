@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from cloth_envs.physics.laws.air import wind_forces
+from cloth_envs.state import State
 from training.bench.peers.scenes import Peer, Setup
 
 SOLREF = "0.004 1"  # of contact and of edges: the stiff end of what the documentation recommends
@@ -59,10 +60,8 @@ def document(setup: Setup, method: str, step: float, solver: str, iterations: in
 class MujocoCloth(Peer):
     """``method``: ``"elastic"`` (stretch and bending), ``"membrane"`` (stretch), ``"edges"`` (constraints).
 
-    Args:
-        substeps: of a frame.
-        solver, iterations: of the constraints.
-        passive: contact by implicit penalty forces, without friction.
+    ``solver`` and ``iterations`` are those of the constraints; with ``passive``, contact is by implicit penalty forces
+    without friction.
     """
 
     def __init__(
@@ -89,10 +88,10 @@ class MujocoCloth(Peer):
         self.masses[self.free] = self.model.body_mass[1:]
         self.reset(setup.start)
 
-    def place(self, positions: np.ndarray, velocities: np.ndarray) -> None:
+    def reset(self, state: State, materials: object = None, which: object = None) -> None:
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:] = (positions - self.setup.rest)[:, self.free].T.ravel()
-        self.data.qvel[:] = velocities[:, self.free].T.ravel()
+        self.data.qpos[:] = (state.positions[0] - self.setup.rest)[:, self.free].T.ravel()
+        self.data.qvel[:] = state.velocities[0][:, self.free].T.ravel()
 
     def run_frame(self, wind: np.ndarray) -> None:
         if self.scene.wind is None:

@@ -141,7 +141,7 @@ def measure_scene(
         strains = [p99(setup, x.late) for x in (trace, true)]
         values = [*quartiles, float(np.median(wall)), *errors[:4], *lags, *strains, *errors[4:]]
         about: list[Any] = [setup.scene.name, *setup.scene.grid.shape, one.family, one.text, step, len(cpu)]
-        rows.append(PeerRow(*about, *values, trace.failure))
+        rows.append(PeerRow(*[*about, *values, trace.failure]))
     return rows
 
 

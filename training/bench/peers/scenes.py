@@ -104,12 +104,9 @@ class Stopwatch:
 
 
 class Peer(ABC):
-    """Somebody else's simulator as a backend for the one cloth of a ``Setup``.
+    """Somebody else's simulator as a backend for the one cloth of a ``Setup``, with ``substeps`` a frame.
 
-    Attributes:
-        substeps: steps of a frame.
-        masses: of the vertices, ``(rows, cols)`` [kg].
-        watch: the time that the engine itself took for the last frame.
+    ``masses`` are the vertices' ``(rows, cols)`` [kg], ``watch`` the time that the engine took for the last frame.
     """
 
     substeps: int
@@ -120,8 +117,8 @@ class Peer(ABC):
         self.memory: dict[str, np.ndarray] = {}
 
     @abstractmethod
-    def place(self, positions: np.ndarray, velocities: np.ndarray) -> None:
-        """Put the vertices there, both ``(3, rows, cols)``."""
+    def reset(self, state: State, materials: object = None, which: object = None) -> None:
+        """Start from ``state``; the material is the scene's."""
 
     @abstractmethod
     def run_frame(self, wind: np.ndarray) -> None:
@@ -137,10 +134,6 @@ class Peer(ABC):
         state = self.setup.start.astype(np.float64)
         state.positions[0], state.velocities[0] = self.read()
         return state
-
-    def reset(self, state: State, materials: object = None, which: object = None) -> None:
-        """Start from ``state``; the material is the scene's."""
-        self.place(state.positions[0], state.velocities[0])
 
     def recall(self, memory: dict[str, np.ndarray]) -> None:
         """Nothing decides the future beyond the state."""

@@ -6,7 +6,7 @@ Features are about 1 in size and turn with the cloth where the scene does; zero 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,74 +17,59 @@ from training.rollouts import play
 FIRST_SEED = 10_000  # of training; held-out seeds are below
 
 
-def _mix(weights: np.ndarray, *features: np.ndarray) -> np.ndarray:
-    """One component of the action, ``(B,)``."""
-    return np.tanh((weights * np.stack(features, 1)).sum(1))
+def _act(weights: np.ndarray, *components: Sequence[np.ndarray]) -> np.ndarray:
+    """Actions ``(B, A)``: of each component its features ``(B,)`` with the next of ``weights``."""
+    ends = np.cumsum([len(features) for features in components])[:-1]
+    parts = zip(np.split(weights, ends, 1), components, strict=True)
+    return np.stack([np.tanh((mine * np.stack(features, 1)).sum(1)) for mine, features in parts], 1)
 
 
-def _points(obs: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities of the keypoints, ``(B, 3, count)``; an observation starts with them."""
-    both = obs[:, : 6 * count].reshape(len(obs), 2, 3, count)
+def _points(obs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities of the 20 keypoints, ``(B, 3, 20)``; an observation starts with them."""
+    both = obs[:, :120].reshape(len(obs), 2, 3, 20)
     return both[:, 0], both[:, 1]
 
 
 def curtain(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Along the rail by what is missing of the target, across it by where the lower curtain is and goes."""
-    positions, velocities = _points(obs, 20)
+    positions, velocities = _points(obs)
     rail, along, across, covered, target = obs[:, -5:].T
     sway, speed = positions[:, 1, 8:].mean(1) - rail, velocities[:, 1, 8:].mean(1)
-    return np.stack(
-        [
-            _mix(weights[:, :2], 3 * (target - covered), 2 * along),
-            _mix(weights[:, 2:], speed, 3 * sway, 3 * rail, across),
-        ],
-        1,
-    )
+    return _act(weights, [3 * (target - covered), 2 * along], [speed, 3 * sway, 3 * rail, across])
 
 
 def flag(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Across and along the line of sight, by the pole, the fly's end and the wind in these directions."""
-    positions, velocities = _points(obs, 20)
     pole, speed, wind, onlooker = np.split(obs[:, -8:], 4, 1)
     across = np.stack([-onlooker[:, 1], onlooker[:, 0]], 1)
-    end = positions.reshape(-1, 3, 4, 5)[:, :2, :, -1].mean(2) - pole
-    end_speed = velocities.reshape(-1, 3, 4, 5)[:, :2, :, -1].mean(2)
-    parts = [pole / 1.5, speed / 2.5, end / 1.5, end_speed / 2.5, wind / 4.0]
-    moves = [
-        _mix(w, *((part * line).sum(1) for part in parts))
-        for w, line in ((weights[:, :5], across), (weights[:, 5:], onlooker))
-    ]
-    return moves[0][:, None] * across + moves[1][:, None] * onlooker
+    end, end_speed = (points.reshape(-1, 3, 4, 5)[:, :2, :, -1].mean(2) for points in _points(obs))
+    parts = [pole / 1.5, speed / 2.5, (end - pole) / 1.5, end_speed / 2.5, wind / 4.0]
+    moves = _act(weights, *([(part * line).sum(1) for part in parts] for line in (across, onlooker)))
+    return moves[:, :1] * across + moves[:, 1:] * onlooker
 
 
 def collision(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """By the way to the goal, the ball's velocity and, forwards, by how far the cloth is pressed."""
-    positions, _ = _points(obs, 20)
     ball, speed, goal = np.split(obs[:, -9:], 3, 1)
-    away, pressed = 3 * (goal - ball), 3 * (positions[:, 1, 4:].max(1) - goal[:, 1])
-    return np.stack(
-        [
-            _mix(weights[:, :2], away[:, 0], speed[:, 0]),
-            _mix(weights[:, 2:6], away[:, 1], speed[:, 1], pressed, np.ones(len(obs))),
-            _mix(weights[:, 6:], away[:, 2], speed[:, 2]),
-        ],
-        1,
-    )
+    pressed = 3 * (_points(obs)[0][:, 1, 4:].max(1) - goal[:, 1])
+    x, y, z = zip((3 * (goal - ball)).T, speed.T, strict=True)
+    return _act(weights, x, [*y, pressed, np.ones(len(obs))], z)
 
 
 def pressure(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """By the target, its cube and rate, and the apex's velocity; its height would excite the drum."""
     _, velocity, _, target, soon = obs[:, -5:].T
     wanted = (target + soon) / 2 / 0.15
-    return _mix(weights, wanted, wanted**3, soon - target, 0.1 * velocity)[:, None]
+    return _act(weights, [wanted, wanted**3, soon - target, 0.1 * velocity])
 
 
 def hanging(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Level by the way from the corner to the goal, the lag and the velocity of the middle; upright by the height."""
     corner, velocity, middle, swing, goal = np.split(obs[:, -16:-1], 5, 1)
     parts = [2 * (goal - corner), 2 * (middle - corner), swing, velocity]
-    level = [_mix(weights[:, :4], *(part[:, axis] for part in parts)) for axis in (0, 1)]
-    return np.stack([*level, _mix(weights[:, 4:], 2 * (goal - middle)[:, 2], velocity[:, 2])], 1)
+    x, y = ([part[:, axis] for part in parts] for axis in (0, 1))
+    both = np.concatenate([weights[:, :4], weights], 1)  # x and y share theirs
+    return _act(both, x, y, [2 * (goal - middle)[:, 2], velocity[:, 2]])
 
 
 def ball_drop(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -93,7 +78,7 @@ def ball_drop(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     high = np.tanh((middle[:, 2] - 0.65) / 0.1)
     parts = [5 * (middle[:, :2] - ball), 3 * drift, speed]
     parts += [part * high[:, None] for part in parts[:2]]
-    return np.stack([_mix(weights, *(part[:, axis] for part in parts)) for axis in (0, 1)], 1)
+    return _act(np.tile(weights, 2), *([part[:, axis] for part in parts] for axis in (0, 1)))
 
 
 class Form(NamedTuple):
