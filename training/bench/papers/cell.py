@@ -1,9 +1,7 @@
-"""Table 2 of Zhao 2024, the physics-embedded CNN, and what its cell is and is not good for.
+"""Table 2 of Zhao 2024, the physics-embedded CNN, and what its cell is and is not good for (docs/networks.md).
 
 Errors are max |dx| over steps, particles and axes in % of the 1 m cloth, against our simulator in float64 with the
-author's settings, over the whole animation of 4,811 steps. Two animations are chaotic: there the error is the same for
-the simulator itself in float32 or after a nudge of 1e-9 m, so errors until 0.25 s and 0.5 s stand beside. Speeds are of
-one thread, in one run, in turns.
+author's settings. Speeds are of one thread, in one run, in turns.
 """
 
 from __future__ import annotations

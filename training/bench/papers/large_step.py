@@ -70,11 +70,6 @@ def growth(ratio: float, cells: int) -> float:
     return largest + np.sqrt(max(0.0, largest**2 - 1 - 1e-9))
 
 
-def bounds() -> list[GrowthRow]:
-    """The least growth for every ratio and number of cells."""
-    return [GrowthRow(ratio, cells, growth(ratio, cells)) for ratio in RATIOS for cells in CELLS]
-
-
 def methods(scene: Scene) -> dict[str, Backend]:
     """All that take part; softening is the explicit solver with springs so many times softer."""
     found = {"explicit": reference(scene)}

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from tqdm import tqdm
@@ -104,10 +105,11 @@ def measure(session: Session) -> None:
     if given.large_step:
         scenes = [s for s in large_step.SCENES if s in session.scenes or not asked]
         seeds = large_step.SEEDS[:1] if quick else large_step.SEEDS
-        session.store("cnn_large_step_bound").replace(large_step.bounds())
-        session.store("cnn_large_step").replace(
-            [row for scene in scenes for row in large_step.compare(scene, seeds, session.cache("truth"))]
-        )
+        steps = product(large_step.RATIOS, large_step.CELLS)
+        bound = [large_step.GrowthRow(ratio, cells, large_step.growth(ratio, cells)) for ratio, cells in steps]
+        found = [row for scene in scenes for row in large_step.compare(scene, seeds, session.cache("truth"))]
+        session.store("cnn_large_step_bound").replace(bound)
+        session.store("cnn_large_step").replace(found)
         return
     frames, count = (10, 0) if quick else (100, published.HELD_OUT)
     scenes, folder = [s for s in SCENES if s in session.scenes], work_folder() / "weights"

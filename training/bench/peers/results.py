@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from cloth_envs.style import COLORS, INK, MARKERS, import_figure, limits, spread
-from training.bench.charts import SHADE, dress, save
+from cloth_envs.style import COLORS, INK, MARKERS, limits
+from training.bench.charts import SHADE, dress, grid, legend, save
 from training.bench.peers.scenes import TITLES
 
 STEM = "peers"
@@ -139,49 +139,37 @@ def family(row: PeerRow) -> str:
     return name + ", no friction" if options.get("passive") else name
 
 
-def panel(axes: Any, rows: Sequence[PeerRow]) -> list[tuple[float, float, str, str]]:
-    """One scene; returns the slow ends of its curves, their names and colours."""
+def panel(axes: Any, rows: Sequence[PeerRow]) -> dict[str, Any]:
+    """One scene; returns the legend's entries."""
     shown = [r for r in rows if np.isfinite(r.error) and r.error > 0]
-    low, high = limits(min(r.ms for r in shown), max(r.ms for r in shown), 0.1)
     bottom, top = limits(min(r.error for r in shown), max(r.error for r in shown), 0.08)
-    room = (high / low) ** 0.62  # for the names
-    axes.set(xscale="log", yscale="log", xlim=(low, high * room), ylim=(bottom, top))
-    axes.set_xticks([t for t in 10.0 ** np.arange(-3, 6) if low <= t <= high])
-    axes.set_xticks([], minor=True)
+    left, right = limits(min(r.ms for r in shown), max(r.ms for r in shown), 0.08)
+    axes.set(xscale="log", yscale="log", xlim=(left, right), ylim=(bottom, top))
     if rows[0].floor_early_mm > bottom:
         axes.axhspan(bottom, rows[0].floor_early_mm, color=SHADE, alpha=0.4, lw=0, zorder=1)
-    ends = []
+    handles = {}
     for name in dict.fromkeys((*STYLES, *map(family, shown))):
         some = sorted((r for r in shown if family(r) == name), key=lambda r: r.ms)
         if some:
             color, marker = STYLES.get(name, (INK, "X"))
-            axes.plot([r.ms for r in some], [r.error for r in some], color=color, lw=1.2, alpha=0.7, zorder=2)
-            for r in some:
-                fill, edge = (color, "white") if r.passed else ("white", color)
-                axes.plot(r.ms, r.error, marker, ms=6, mfc=fill, mec=edge, mew=0.9, zorder=3)
-            ends.append((some[-1].ms, some[-1].error, name, color))
+            look: dict[str, Any] = {"color": color, "marker": marker, "ms": 5.5, "mew": 0.9}
+            (handles[name],) = axes.plot([r.ms for r in some], [r.error for r in some], lw=1.2, mec="white", **look)
+            bad = [r for r in some if not r.passed]
+            axes.plot([r.ms for r in bad], [r.error for r in bad], ls="", mfc="white", **look)
     dress(axes, TITLES[rows[0].scene])
-    return ends
+    return handles
 
 
 def draw(rows: Mapping[str, Sequence[PeerRow]], folder: Path, setup: str) -> None:
-    """Error against time a frame, a panel a scene; names stand in a column, each led to its curve's slow end."""
+    """Error against time a frame, a panel a scene."""
     scenes = list(dict.fromkeys(r.scene for r in rows.get(STEM, ())))
     if not scenes:
         return
-    figure = import_figure()(figsize=(10.5, 4.0), layout="constrained")
-    panels = figure.subplots(1, len(scenes), squeeze=False)[0]
-    found = [[r for r in rows[STEM] if r.scene == scene] for scene in scenes]
-    curves = [panel(axes, mine) for axes, mine in zip(panels, found, strict=True)]
-    panels[0].set_ylabel("mean vertex error after 0.2 s [mm]", fontsize=9, color=INK)
-    about = "processor time for a frame, one thread [ms] (left is faster, down is closer)"
-    figure.supxlabel(about, fontsize=9, color=INK)
-    figure.draw_without_rendering()
-    for axes, ends in zip(panels, curves, strict=True):
-        pixels, dot = axes.transData.transform([end[:2] for end in ends]), figure.dpi / 72
-        column = pixels[:, 0].max() + 12 * dot
-        for (x, y, name, color), at in zip(ends, spread(pixels[:, 1], 10.5 * dot), strict=True):
-            line = {"arrowstyle": "-", "color": color, "lw": 0.6, "alpha": 0.6, "shrinkA": 1, "shrinkB": 5}
-            place = axes.transData.inverted().transform((column, at))
-            axes.annotate(name, (x, y), place, va="center", fontsize=7.5, color=color, zorder=4, arrowprops=line)
-    save(figure, f"{setup}. {NOTE}", folder, STEM, size=7.5)
+    figure, panels = grid(len(scenes), "mean vertex error after 0.2 s [mm]")
+    handles: dict[str, Any] = {}
+    for axes, scene in zip(panels, scenes, strict=False):
+        handles |= panel(axes, [r for r in rows[STEM] if r.scene == scene])
+    place = (panels[-1], "center left", 1) if len(panels) > len(scenes) else (figure, "outside upper center", 4)
+    legend(place[0], handles, tuple(STYLES), *place[1:])
+    figure.supxlabel("processor time for a frame, one thread [ms]", fontsize=8.5, color=INK)
+    save(figure, f"{setup}. {NOTE}", folder, STEM)

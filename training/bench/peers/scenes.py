@@ -28,8 +28,8 @@ from cloth_envs.state import Controls, State
 from training.metrics.errors import distances
 from training.rollouts import replay
 
-NAMES = ("A", "B", "C")
 TITLES = {"A": "A: sheet swings down", "B": "B: flag in wind", "C": "C: sheet falls on a sphere"}
+NAMES = tuple(TITLES)
 EARLY, LATE = 0.2, 0.5  # s; errors after both, the mean height at the later
 RADIUS, DROP = 0.3, 0.05  # m
 # B: steady, 45 degrees off the flag's plane, [m/s]. C: smooth waves of 5 mm; in a perfectly flat sheet rounding would
@@ -90,30 +90,22 @@ def build(name: str, coarse: int = 1) -> Setup:
     return Setup(scene, start, rest, controls)
 
 
-class Stopwatch:
-    """Wall clock and processor time [s] of all ``with`` blocks together."""
-
-    wall = cpu = 0.0
-
-    def __enter__(self) -> None:
-        self._wall, self._cpu = perf_counter(), process_time()
-
-    def __exit__(self, *_: object) -> None:
-        self.wall += perf_counter() - self._wall
-        self.cpu += process_time() - self._cpu
+def clock() -> np.ndarray:
+    """Wall clock and processor time ``(2,)`` [s]."""
+    return np.array([perf_counter(), process_time()])
 
 
 class Peer(ABC):
     """Somebody else's simulator as a backend for the one cloth of a ``Setup``, with ``substeps`` a frame.
 
-    ``masses`` are the vertices' ``(rows, cols)`` [kg], ``watch`` the time that the engine took for the last frame.
+    ``masses`` are the vertices' ``(rows, cols)`` [kg], ``taken`` is by ``clock`` what the last frame took the engine.
     """
 
     substeps: int
     masses: np.ndarray
 
     def __init__(self, setup: Setup) -> None:
-        self.setup, self.scene, self.watch = setup, setup.scene, Stopwatch()
+        self.setup, self.scene, self.taken = setup, setup.scene, np.zeros(2)
         self.memory: dict[str, np.ndarray] = {}
 
     @abstractmethod
@@ -122,7 +114,7 @@ class Peer(ABC):
 
     @abstractmethod
     def run_frame(self, wind: np.ndarray) -> None:
-        """One frame under ``wind`` ``(1, 3)`` [m/s], what the engine does of it under ``watch``."""
+        """One frame under ``wind`` ``(1, 3)`` [m/s], adding to ``taken`` what the engine does of it."""
 
     @abstractmethod
     def read(self) -> tuple[np.ndarray, np.ndarray]:
@@ -141,15 +133,13 @@ class Peer(ABC):
 
     def advance(self, controls: Controls) -> State:
         """One frame; pins and bodies stay."""
-        self.watch = Stopwatch()
+        self.taken = np.zeros(2)
         self.run_frame(controls.wind)
         return self.state
 
 
 class Trace(NamedTuple):
-    """What a run left: states at the early and the late time (None after a failure), and every frame's wall clock and
-    processor time ``(frames, 2)`` [s].
-    """
+    """States at the early and the late time (None after a failure), and ``clock`` of every frame ``(frames, 2)``."""
 
     early: State | None = None
     late: State | None = None
@@ -161,15 +151,14 @@ def follow(setup: Setup, engine: Backend, *, seconds: float = LATE, limit: float
     """Run ``engine`` from the start for ``seconds`` of the scene, or until it has taken ``limit`` seconds of ours."""
     failures, before = Failures(setup.scene), setup.start.astype(np.float64)
     kept: dict[int, State] = {}
-    times: list[tuple[float, float]] = []
+    times: list[np.ndarray] = []
     failure = ""
     frames = replay(engine, setup.start, repeat(setup.controls, setup.frames(seconds)))
     for frame, (state, taken) in enumerate(frames, 1):
-        watch = engine.watch if isinstance(engine, Peer) else taken
-        times.append((watch.wall, watch.cpu))
+        times.append(engine.taken if isinstance(engine, Peer) else np.array([taken.wall, taken.cpu]))
         state = state.astype(np.float64)
         failure = failures.check(before, state)[0] or ""
-        if not failure and sum(wall for wall, _ in times) > limit:
+        if not failure and np.sum(times, 0)[0] > limit:
             failure = f"stopped after {limit:g} s,"
         if failure:
             failure += f" at frame {frame}"

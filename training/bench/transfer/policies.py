@@ -98,55 +98,44 @@ FORMS: Mapping[str, Form] = {
 }
 
 
-class CmaEs:
-    """Covariance matrix adaptation with Hansen's default constants (2016, arXiv:1604.00772).
+def cma_es(
+    score: Callable[[np.ndarray, int], np.ndarray], size: int, *, population: int, generations: int, seed: int
+) -> np.ndarray:
+    """Maximise ``score(points (population, size), generation)``, values ``(population,)``, from around zero.
 
-    Maximises: ``ask`` draws ``population`` points ``(population, n)``, ``tell`` takes their values. ``mean`` is the
-    estimate; under noise it is a better one than the best point seen.
+    Covariance matrix adaptation with Hansen's default constants (2016, arXiv:1604.00772). Returns the distribution's
+    mean: under noise a better estimate than the best point seen.
     """
-
-    def __init__(self, size: int, *, population: int, sigma: float, seed: int) -> None:
-        n, best = size, population // 2
-        weights = np.log((population + 1) / 2) - np.log(np.arange(1, best + 1))
-        self.weights = weights / weights.sum()
-        self.mean, self.sigma, self.covariance = np.zeros(n), sigma, np.eye(n)
-        self._rng, self._population = np.random.default_rng(seed), population
-        self._path, self._step_path = np.zeros(n), np.zeros(n)
-        self._mass = m = 1 / (self.weights**2).sum()
-        self._cc = (4 + m / n) / (n + 4 + 2 * m / n)
-        self._cs = (m + 2) / (n + m + 5)
-        self._c1 = 2 / ((n + 1.3) ** 2 + m)
-        self._cm = min(1 - self._c1, 2 * (m - 2 + 1 / m) / ((n + 2) ** 2 + m))
-        self._damp = 1 + 2 * max(0.0, np.sqrt((m - 1) / (n + 1)) - 1) + self._cs
-        self._length = np.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n**2))  # of a normal vector
-        self._generation = 0
-
-    def ask(self) -> np.ndarray:
-        values, self._axes = np.linalg.eigh(self.covariance)
-        self._scales = np.sqrt(np.maximum(values, 1e-20))
-        normal = self._rng.normal(size=(self._population, len(self.mean)))
-        self._steps = (normal * self._scales) @ self._axes.T
-        return self.mean + self.sigma * self._steps
-
-    def tell(self, values: np.ndarray) -> None:
-        self._generation += 1
-        steps = self._steps[np.argsort(-values, kind="stable")[: len(self.weights)]]
-        step = self.weights @ steps
-        self.mean = self.mean + self.sigma * step
-        cs, cc = self._cs, self._cc
-        white = self._axes @ ((self._axes.T @ step) / self._scales)
-        self._step_path = (1 - cs) * self._step_path + np.sqrt(cs * (2 - cs) * self._mass) * white
-        size = np.linalg.norm(self._step_path)
-        usual = np.sqrt(1 - (1 - cs) ** (2 * self._generation)) * (1.4 + 2 / (len(step) + 1)) * self._length
-        moves = float(size < usual)  # stalled while the step size grows fast
-        self._path = (1 - cc) * self._path + moves * np.sqrt(cc * (2 - cc) * self._mass) * step
-        kept = 1 - self._c1 - self._cm + (1 - moves) * self._c1 * cc * (2 - cc)
-        self.covariance = (
-            kept * self.covariance
-            + self._c1 * np.outer(self._path, self._path)
-            + self._cm * (steps.T * self.weights) @ steps
-        )
-        self.sigma *= np.exp(min(1.0, cs / self._damp * (size / self._length - 1)))
+    n, best, rng = size, population // 2, np.random.default_rng(seed)
+    weights = np.log((population + 1) / 2) - np.log(np.arange(1, best + 1))
+    weights /= weights.sum()
+    mean, sigma, covariance = np.zeros(n), 1.0, np.eye(n)
+    path, step_path = np.zeros(n), np.zeros(n)
+    m = 1 / (weights**2).sum()
+    cc = (4 + m / n) / (n + 4 + 2 * m / n)
+    cs = (m + 2) / (n + m + 5)
+    c1 = 2 / ((n + 1.3) ** 2 + m)
+    cm = min(1 - c1, 2 * (m - 2 + 1 / m) / ((n + 2) ** 2 + m))
+    damp = 1 + 2 * max(0.0, np.sqrt((m - 1) / (n + 1)) - 1) + cs
+    length = np.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n**2))  # of a normal vector
+    for generation in range(generations):
+        values, axes = np.linalg.eigh(covariance)
+        scales = np.sqrt(np.maximum(values, 1e-20))
+        drawn = (rng.normal(size=(population, n)) * scales) @ axes.T
+        found = score(mean + sigma * drawn, generation)
+        steps = drawn[np.argsort(-found, kind="stable")[:best]]
+        step = weights @ steps
+        mean = mean + sigma * step
+        white = axes @ ((axes.T @ step) / scales)
+        step_path = (1 - cs) * step_path + np.sqrt(cs * (2 - cs) * m) * white
+        far = np.linalg.norm(step_path)
+        usual = np.sqrt(1 - (1 - cs) ** (2 * (generation + 1))) * (1.4 + 2 / (n + 1)) * length
+        moves = float(far < usual)  # stalled while the step size grows fast
+        path = (1 - cc) * path + moves * np.sqrt(cc * (2 - cc) * m) * step
+        kept = 1 - c1 - cm + (1 - moves) * c1 * cc * (2 - cc)
+        covariance = kept * covariance + c1 * np.outer(path, path) + cm * (steps.T * weights) @ steps
+        sigma *= np.exp(min(1.0, cs / damp * (far / length - 1)))
+    return mean
 
 
 def train(world: World, form: Form, *, frames: int, generations: int, population: int, seed: int) -> np.ndarray:
@@ -155,11 +144,12 @@ def train(world: World, form: Form, *, frames: int, generations: int, population
     All candidates of a generation play the same seeds, the next one plays others. Those and the candidates' noise
     follow from ``seed``, whatever the physics.
     """
-    search, episodes = CmaEs(form.size, population=population, sigma=1.0, seed=seed), world.num_envs // population
-    for generation in range(generations):
-        each = np.repeat(search.ask(), episodes, 0)
-        first = FIRST_SEED * (seed + 1) + generation * episodes
+    episodes = world.num_envs // population
+
+    def score(points: np.ndarray, generation: int) -> np.ndarray:
+        each, first = np.repeat(points, episodes, 0), FIRST_SEED * (seed + 1) + generation * episodes
         seeds = list(range(first, first + episodes)) * population
-        found, _ = play(world, lambda obs, each=each: form.act(obs, each), seeds, frames)  # type: ignore[misc]
-        search.tell(found.reshape(population, episodes).mean(1))
-    return search.mean
+        found, _ = play(world, lambda obs: form.act(obs, each), seeds, frames)
+        return found.reshape(population, episodes).mean(1)
+
+    return cma_es(score, form.size, population=population, generations=generations, seed=seed)
