@@ -10,6 +10,8 @@ computed by our NumPy twin once a step and enters as a force; its time is not co
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 
@@ -30,8 +32,12 @@ def sheet(setup: Setup) -> tuple[float, float, float]:
     return young_thickness / thickness, poisson, thickness
 
 
-def document(setup: Setup, method: str, step: float, solver: str, iterations: int, passive: bool) -> str:
-    """The model as MJCF."""
+def document(
+    setup: Setup, method: str, step: float, *, solver: str = "Newton", iterations: int = 100, passive: bool = False
+) -> str:
+    """The model as MJCF: ``solver`` and ``iterations`` are those of the constraints, contact is ``passive`` by implicit
+    penalty forces without friction.
+    """
     scene, grid = setup.scene, setup.scene.grid
     young, poisson, thickness = sheet(setup)
     points = " ".join(f"{value:.9g}" for value in np.moveaxis(setup.rest, 0, -1).ravel())
@@ -58,26 +64,14 @@ def document(setup: Setup, method: str, step: float, solver: str, iterations: in
 
 
 class MujocoCloth(Peer):
-    """``method``: ``"elastic"`` (stretch and bending), ``"membrane"`` (stretch), ``"edges"`` (constraints).
+    """``method``: ``"elastic"`` (stretch and bending), ``"membrane"`` (stretch), ``"edges"`` (constraints)."""
 
-    ``solver`` and ``iterations`` are those of the constraints; with ``passive``, contact is by implicit penalty forces
-    without friction.
-    """
-
-    def __init__(
-        self,
-        setup: Setup,
-        method: str = "elastic",
-        substeps: int = 1,
-        solver: str = "Newton",
-        iterations: int = 100,
-        passive: bool = False,
-    ) -> None:
+    def __init__(self, setup: Setup, method: str = "elastic", substeps: int = 1, **options: Any) -> None:
         mujoco.set_mju_user_warning(lambda _: None)  # keeps it from writing a log file where it is run
         super().__init__(setup)
         self.substeps = substeps
         scene = setup.scene
-        text = document(setup, method, scene.frame_dt / substeps, solver, iterations, passive)
+        text = document(setup, method, scene.frame_dt / substeps, **options)
         self.model = mujoco.MjModel.from_xml_string(text)
         self.free = ~setup.pins
         self.model.body_mass[1:] = scene.mass[self.free]

@@ -37,11 +37,8 @@ def start() -> None:
 
 @ti.data_oriented
 class TaichiCloth(Peer):
-    """``method`` is ``"explicit"`` (symplectic Euler) or ``"xpbd"`` (Macklin et al. 2016, ``iterations`` a substep).
-
-    Args:
-        refine: the explicit method's substeps are the stable number times this.
-        substeps: of XPBD, a frame.
+    """``method`` is ``"explicit"`` (symplectic Euler, ``refine`` times the stable number of substeps) or ``"xpbd"``
+    (Macklin et al. 2016, ``substeps`` a frame of ``iterations`` each).
     """
 
     def __init__(
