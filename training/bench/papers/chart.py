@@ -16,7 +16,7 @@ from training.bench.papers.published import TABLE_7, FrameErrorRow, PublishedRow
 from training.bench.papers.runs import HISTORY, UNSCALED
 from training.recipes.upscaler import SCENES, work_folder
 
-# method -> name, colour (Okabe & Ito 2008), marker, line. Other upscalers take what is left.
+# method -> name, colour (Okabe & Ito 2008), marker, line.
 LOOKS: dict[str, tuple[str, str, str, str]] = {
     "bilinear": ("bilinear", "#8a6d1f", "1", ":"),
     "bicubic": ("bicubic", "#E69F00", "^", "-"),
@@ -24,7 +24,6 @@ LOOKS: dict[str, tuple[str, str, str, str]] = {
     "fc": ("network, 4*FC-64", "#0072B2", "o", "-"),
     UNSCALED: ("H-DNN-like: triangle network, unscaled", "#D55E00", "P", "--"),
     "local": ("local network", "#009E73", "D", "-"),
-    "ridge": ("ridge", "#56B4E9", "v", "-"),
 }
 WIDE = {"bicubic": 3.0, "hdnn": 2.0, "fc": 1.0}  # so that lines that coincide are seen
 VARIED = {"fig13": "mass [kg]", "fig14": "spring [N/m]", "fig15": "wind [m/s]"}
