@@ -17,9 +17,9 @@ from cloth_envs.naming import resolve
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from training.bench.benchmark import find
-from training.bench.peers import rows as peers_rows
+from training.bench.peers import results
 from training.bench.peers import run as peers
-from training.bench.peers.rows import TOLERANCE
+from training.bench.peers.results import TOLERANCE
 from training.bench.peers.scenes import (
     DROP,
     EARLY,
@@ -50,7 +50,7 @@ def peer(request: pytest.FixtureRequest) -> Callable[..., Peer]:
 
 
 def truth(setup: Setup, **options: object) -> Any:
-    return peers.make(peers.Entry(peers_rows.OWN, {**peers.TRUTH, **options}), setup)
+    return peers.make(peers.setting(results.OWN, {**peers.TRUTH, **options}), setup)
 
 
 def test_scenes_are_those_of_the_table() -> None:
@@ -85,8 +85,8 @@ def test_a_peer_has_our_masses_pins_and_start(peer: Callable[..., Peer], name: s
         np.testing.assert_allclose(engine.state.positions, setup.start.positions, atol=1e-7)
         assert not engine.state.velocities.any()
         engine.advance(setup.controls)
-        assert engine.watch.wall > 0
-        assert engine.watch.cpu >= 0
+        assert engine.taken[0] > 0
+        assert engine.taken[1] >= 0
         x, v = engine.read()
         np.testing.assert_allclose(x[:, setup.pins], setup.start.positions[0][:, setup.pins], atol=1e-7)
         assert not v[:, setup.pins].any()
@@ -112,7 +112,7 @@ def test_explicit_taichi_computes_our_forces(name: str) -> None:
     if reason := peers.missing("Taichi"):
         pytest.skip(reason)
     setup = build(name, 4)
-    taichi: Any = peers.make(peers.Entry("Taichi", {"method": "explicit"}), setup)
+    taichi: Any = peers.make(peers.setting("Taichi", {"method": "explicit"}), setup)
     ours = truth(setup, dtype="float32", refine=1)
     ours.reset(setup.start)
     assert [taichi.substeps] == ours.substeps
@@ -135,8 +135,8 @@ def test_xpbd_tends_to_our_truth() -> None:
     true = follow(setup, truth(setup), seconds=EARLY).early
     errors = []
     for substeps in (20, 40, 80):
-        engine = peers.make(peers.Entry("Taichi", {"method": "xpbd", "substeps": substeps}), setup)
-        errors.append(error_mm(setup, follow(setup, engine, seconds=EARLY).early, true))
+        engine = peers.make(peers.setting("Taichi", {"method": "xpbd", "substeps": substeps}), setup)
+        errors.append(error_mm(follow(setup, engine, seconds=EARLY).early, true))
     # First order in the step: halves; 1.5 leaves room for the second. Steps below half a millisecond round.
     assert errors[1] < errors[0] / 1.5
     assert errors[2] < errors[1] / 1.5
@@ -190,59 +190,57 @@ def test_slow_motion_failures_and_long_runs_are_told() -> None:
     slow = follow(setup, truth(replace(setup, scene=weaker(setup.scene))))
     assert lag(setup, slow.late, true.late) > TOLERANCE
     assert lag(setup, true.late, true.late) == 0
-    assert error_mm(setup, slow.early, true.early) > 1
+    assert error_mm(slow.early, true.early) > 1
     assert 0 < p99(setup, true.late) < 0.05
     assert len(true.seconds) == setup.frames(LATE)
     broken = follow(setup, Broken(truth(setup)))  # type: ignore[arg-type]
     assert broken.failure == "non-finite at frame 2"
     assert broken.late is None
-    assert np.isnan(error_mm(setup, broken.early, true.early))
+    assert np.isnan(error_mm(broken.early, true.early))
     assert np.isnan(lag(setup, broken.late, true.late))
     assert follow(setup, truth(setup), limit=0).failure == "stopped after 0 s, at frame 1"
 
 
-def row(engine: str, ms: float, error: float, **changes: object) -> peers_rows.PeerRow:
+def row(engine: str, ms: float, error: float, **changes: object) -> results.PeerRow:
     nan = float("nan")
-    settings = '{"solver": "explicit"}' if engine == peers_rows.OWN else '{"method": "explicit"}'
-    base = peers_rows.PeerRow(
+    settings = '{"solver": "explicit"}' if engine == results.OWN else '{"method": "explicit"}'
+    base = results.PeerRow(
         "A", 3, 3, engine, settings, 1, 5, ms, ms, ms, ms, error, error, nan, nan, 0, nan, 0, 0, 0.01, 1, ""
     )
     return replace(base, **changes)  # type: ignore[arg-type]
 
 
 def test_rivals_compare_at_no_larger_error_and_only_what_passes() -> None:
-    fast, fine = row(peers_rows.OWN, 1, 2.0), row(peers_rows.OWN, 4, 0.5)
-    asleep = row(peers_rows.OWN, 0.1, 0.1, lag=2 * TOLERANCE)
+    fast, fine = row(results.OWN, 1, 2.0), row(results.OWN, 4, 0.5)
+    asleep = row(results.OWN, 0.1, 0.1, lag=2 * TOLERANCE)
     coarse, good, best = (row("Taichi", ms, error) for ms, error in ((20, 3.0), (40, 1.0), (80, 0.1)))
     slow = row("Taichi", 0.1, 1.0, lag=-2 * TOLERANCE)
     other = row("Taichi", 30, 9.0, own_early_mm=1.5, lag=2 * TOLERANCE, own_lag=0.01)  # judged by its own truth
     rows = [fast, fine, asleep, coarse, good, best, slow, other]
-    assert peers_rows.rivals(rows, "A") == [(coarse, fast), (good, fine), (best, None), (other, fine)]
-    assert "at least 7.5 x" in peers_rows.table(rows)
-    assert "none of ours is as near" in peers_rows.table(rows)
+    assert results.rivals(rows, "A") == [(coarse, fast), (good, fine), (best, None), (other, fine)]
+    assert "at least 7.5 x" in results.table(rows)
+    assert "none of ours is as near" in results.table(rows)
     # Below the chaos floor errors are equal.
     floor = [replace(r, floor_early_mm=0.6) for r in rows]
-    assert peers_rows.rivals(floor, "A")[2][1] == floor[1]
+    assert results.rivals(floor, "A")[2][1] == floor[1]
 
 
 def test_end_to_end_without_any_peer(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        peers, "missing", lambda engine: "" if engine == peers_rows.OWN else f"{engine} is not installed"
-    )
+    monkeypatch.setattr(peers, "missing", lambda engine: "" if engine == results.OWN else f"{engine} is not installed")
     settings = [
         {"solver": "explicit", "refine": 1},
         {"solver": "admm", "iterations": 10},
         {"solver": "explicit", "refine": 2},
     ]
-    monkeypatch.setitem(peers.SETTINGS, peers_rows.OWN, [settings[0], {}, {}, settings[2]])
+    monkeypatch.setitem(peers.SETTINGS, results.OWN, [settings[0], {}, {}, settings[2]])
     argv = ["--quick", "--budget", "0", "--out", str(tmp_path)]
     assert peers.BENCHMARK.main(argv) == 0
     text = capsys.readouterr().out
     assert "skipped: MuJoCo is not installed" in text
     assert "QUICK" in text
-    rows = read_rows(tmp_path / "peers.csv", peers_rows.PeerRow)
+    rows = read_rows(tmp_path / "peers.csv", results.PeerRow)
     assert [(r.scene, r.settings) for r in rows] == [
         (name, json.dumps(options)) for name in NAMES for options in (settings[0], settings[2])
     ]
@@ -257,14 +255,14 @@ def test_end_to_end_without_any_peer(
     assert (tmp_path / "peers.png").stat().st_size > 10_000
     assert peers.BENCHMARK.main([*argv, "--scenes", "C", "--backend", 'miniature={"factor": 2}']) == 0
     assert "miniature factor=2" in capsys.readouterr().out
-    again = read_rows(tmp_path / "peers.csv", peers_rows.PeerRow)
+    again = read_rows(tmp_path / "peers.csv", results.PeerRow)
     assert str([r for r in again if r.scene != "C"]) == str([r for r in rows if r.scene != "C"])  # measured once
 
 
 def test_what_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(peers, "find_spec", lambda name: None)
     assert "pip install" in peers.missing("MuJoCo")
-    assert not peers.missing(peers_rows.OWN)
+    assert not peers.missing(results.OWN)
     assert find("peers") is peers.BENCHMARK
     with pytest.raises(ValueError, match="'A', 'B', 'C'"):
         peers.BENCHMARK.main(["--scenes", "D"])

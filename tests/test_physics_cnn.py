@@ -25,8 +25,8 @@ from surrogates.cell.compiled import CellNet, CellSheet, dimensional, dimensionl
 from surrogates.cell.engine import TorchNet
 from surrogates.cell.numbers import CLASSES
 from training.bench.papers import cell as cnn
+from training.bench.papers.cell import CELL_KEY, CellRow
 from training.bench.papers.large_step import growth
-from training.bench.papers.rows import CELL_KEY, CellRow, cell_text
 from training.cell.sheets import columns, identify, solve
 from training.cell.solve import as_cell, least_squares, rows
 from training.cell.train import main
@@ -248,7 +248,7 @@ def test_table_2_has_its_rows(tmp_path: Path) -> None:
     assert found["fall", "cnn_particles_fall"].paper == 0.213
     # Three steps of float32 next to a metre.
     assert 0 < found["ball", "simulator, float32"].whole < 100 * 16 * EPS["float32"]
-    assert "cnn_particles_blow" in cell_text(store.rows, [], [])
+    assert "cnn_particles_blow" in cnn.table(store.rows, [], [])
 
 
 @pytest.mark.parametrize(("ratio", "cells"), [(1.0, 1), (2.0, 1), (2.0, 2), (3.0, 2), (3.0, 3)])

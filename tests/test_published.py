@@ -13,16 +13,25 @@ import pytest
 import cloth_envs
 from surrogates.checkpoint import WEIGHTS, load
 from training.bench.papers import chart, published
-from training.bench.papers.published import fill, pairs, score, windows
-from training.bench.papers.readings import measured, motion
-from training.bench.papers.rows import FRAME_KEY, PUBLISHED_KEY, FrameErrorRow, PublishedRow, published_text
+from training.bench.papers.published import (
+    FRAME_KEY,
+    PUBLISHED_KEY,
+    FrameErrorRow,
+    PublishedRow,
+    fill,
+    pairs,
+    score,
+    windows,
+)
 from training.bench.papers.runs import (
     PRESET,
     UNSCALED,
     UPSCALERS,
     by_frame,
     held_out,
+    measured,
     miniature,
+    motion,
     teacher,
     unscaled,
 )
@@ -149,7 +158,7 @@ def test_a_stopped_run_is_completed_and_drawn(tmp_path: Path, monkeypatch: pytes
         "held out",
         "readings",
     }
-    said = published_text(rows.rows)
+    said = published.table(rows.rows)
     assert "T7: errors in m" in said
     assert "(0.007767)" in said
     assert "Flag s=2  reference " in said

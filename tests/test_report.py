@@ -16,7 +16,7 @@ from cloth_envs.commands.cli import main
 from training.bench.benchmark import BENCHMARKS, find
 from training.bench.mesh.rows import MeshRow
 from training.bench.report import run as report
-from training.bench.report.tables import survived
+from training.bench.report.run import survived
 from training.bench.speed_accuracy.rows import SpeedAccuracyRow
 from training.bench.stability.rows import StabilityRow
 from training.rows import write_rows

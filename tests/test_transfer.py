@@ -16,9 +16,17 @@ import cloth_envs
 from cloth_envs.registry import SCENES
 from cloth_envs.world import World
 from training.bench.transfer import run as transfer
-from training.bench.transfer.policies import FORMS
-from training.bench.transfer.rows import RANDOM, REFERENCE, ZERO, EpisodeRow, TrainingRow, half_width, summaries, table
-from training.bench.transfer.search import FIRST_SEED, CmaEs, train
+from training.bench.transfer.policies import FIRST_SEED, FORMS, cma_es, train
+from training.bench.transfer.results import (
+    RANDOM,
+    REFERENCE,
+    ZERO,
+    EpisodeRow,
+    TrainingRow,
+    half_width,
+    summaries,
+    table,
+)
 from training.rollouts import play
 
 
@@ -30,10 +38,8 @@ def small(members: int, scene: str = "Flag") -> World:
 def test_the_search_finds_the_top_of_a_ridge(seed: int) -> None:
     """Axes' curvatures from 1 to 1000: without learning their ratio, 200 generations of 9 stay far away."""
     curvature = 10.0 ** np.linspace(0, 3, 6)
-    search = CmaEs(6, population=9, sigma=1.0, seed=seed)
-    for _ in range(200):
-        search.tell(-(curvature * (search.ask() - 1) ** 2).sum(1))
-    np.testing.assert_allclose(search.mean, 1, atol=1e-3)
+    top = cma_es(lambda x, _: -(curvature * (x - 1) ** 2).sum(1), 6, population=9, generations=200, seed=seed)
+    np.testing.assert_allclose(top, 1, atol=1e-3)
 
 
 @pytest.mark.parametrize("scene", list(SCENES))
@@ -105,7 +111,7 @@ def test_training_is_repeatable_and_plays_no_held_out_seed(monkeypatch: pytest.M
         played.extend(seeds)
         return play(world, act, seeds, frames)
 
-    monkeypatch.setattr("training.bench.transfer.search.play", watched)
+    monkeypatch.setattr("training.bench.transfer.policies.play", watched)
     options = {"frames": 3, "generations": 2, "population": 4, "seed": 1}
     runs = [train(small(8), FORMS["Flag"], **options) for _ in range(2)]
     np.testing.assert_array_equal(*runs)

@@ -1,14 +1,14 @@
-"""Table 2 of Zhao 2024, the physics-embedded CNN, and what its cell is and is not good for.
+"""Table 2 of Zhao 2024, the physics-embedded CNN, and what its cell is and is not good for (docs/networks.md).
 
 Errors are max |dx| over steps, particles and axes in % of the 1 m cloth, against our simulator in float64 with the
-author's settings, over the whole animation of 4,811 steps. Two animations are chaotic: there the error is the same for
-the simulator itself in float32 or after a nudge of 1e-9 m, so errors until 0.25 s and 0.5 s stand beside. Speeds are of
-one thread, in one run, in turns.
+author's settings. Speeds are of one thread, in one run, in turns.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -17,10 +17,10 @@ from cloth_envs.physics.particles.solver import NEIGHBOURS, ParticleSolver, net_
 from surrogates.cell.compiled import CellNet, dimensional
 from surrogates.cell.engine import TorchNet
 from surrogates.checkpoint import load
-from training.bench.papers.rows import CellCheckRow, CellRow, CellSpeedRow
 from training.cell.data import CASES, case
 from training.cell.score import NUDGE, Run, errors
-from training.cell.solve import least_squares, rows
+from training.cell.solve import least_squares
+from training.cell.solve import rows as columns
 from training.rollouts import replay
 from training.rows import Store
 
@@ -33,6 +33,45 @@ PAPER = {
 }
 PAPER_SPEED = {"cell, torch": 232.0, "simulator": 201.0}  # steps/s: network on a GPU, simulator on a CPU
 SIDEWAYS = 0.01  # of gravity, the bias whose effect is shown
+
+
+@dataclass(frozen=True)
+class CellRow:
+    """One run of an animation of Zhao 2024; errors in % of a metre."""
+
+    scene: str
+    run: str
+    dtype: str
+    steps: int
+    until_quarter_second: float
+    until_half_second: float
+    whole: float
+    mean_at_end: float
+    paper: float
+
+
+CELL_KEY = ("scene", "run", "steps")
+
+
+@dataclass(frozen=True)
+class CellSpeedRow:
+    """Steps per second of 128 x 128 particles, and over the simulator's."""
+
+    engine: str
+    dtype: str
+    median: float
+    best: float
+    over_simulator: float
+    paper: float
+
+
+@dataclass(frozen=True)
+class CellCheckRow:
+    """A number that a claim rests on."""
+
+    name: str
+    scene: str
+    value: float
 
 
 def wanted() -> dict[str, Run]:
@@ -52,14 +91,9 @@ def score(store: Store[CellRow], steps: int) -> None:
     """The rows that ``store`` lacks, an animation at a time."""
     for scene in CASES:
         runs = {name: run for name, run in wanted().items() if (scene, name, steps) not in store}
-        if runs:
-            found = errors(scene, runs, steps)
-            store.add(
-                *(
-                    CellRow(scene, name, run.dtype, steps, *found[name], paper=PAPER.get((name, scene), np.nan))
-                    for name, run in runs.items()
-                )
-            )
+        found = errors(scene, runs, steps) if runs else {}
+        papers = {name: PAPER.get((name, scene), np.nan) for name in found}
+        store.add(*(CellRow(scene, n, runs[n].dtype, steps, *error, papers[n]) for n, error in found.items()))
 
 
 def speeds(frames: int) -> list[CellSpeedRow]:
@@ -82,24 +116,12 @@ def speeds(frames: int) -> list[CellSpeedRow]:
             _, (_, taken) = replay(solver, given.start, [given.controls] * 2)
             times[key].append(16 / taken.cpu)
     middle = {key: float(np.median(values[1:])) for key, values in times.items()}
-    return [
-        CellSpeedRow(
-            engine,
-            dtype,
-            middle[engine, dtype],
-            max(times[engine, dtype][1:]),
-            middle[engine, dtype] / middle["simulator", dtype],
-            PAPER_SPEED.get(engine, np.nan) if dtype == "float32" else np.nan,
-        )
-        for engine, dtype in solvers
-    ]
-
-
-def inflation(block: np.ndarray, ties: np.ndarray) -> float:
-    """How many times the other columns blow up the variance of the bias along x, from tied columns."""
-    tied = ties.T @ block
-    tied /= np.sqrt((tied**2).mean(1))[:, None]
-    return float(np.linalg.inv(tied @ tied.T / tied.shape[1])[-3, -3])
+    rows = []
+    for engine, dtype in solvers:
+        own, best = middle[engine, dtype], max(times[engine, dtype][1:])
+        paper = PAPER_SPEED.get(engine, np.nan) if dtype == "float32" else np.nan
+        rows.append(CellSpeedRow(engine, dtype, own, best, own / middle["simulator", dtype], paper))
+    return rows
 
 
 def checks(states: int) -> list[CellCheckRow]:
@@ -108,18 +130,20 @@ def checks(states: int) -> list[CellCheckRow]:
     pairs = np.zeros((3 * count + 3, 3 * count // 2 + 3))
     pairs[np.arange(3 * count), np.arange(3 * count) // 2] = 1.0
     pairs[3 * count :, 3 * count // 2 :] = np.eye(3)
-    for names in (("fall",), ("blow",), ("hang",), ("ball",)):
-        for vector in (True, False):
-            block, target = rows(names, states, 1000, vector=vector)
-            fit = least_squares((block, target))
-            off = np.linalg.norm(fit.numbers @ block - target) / np.linalg.norm(target)
-            kind = "vector" if vector else "component-wise"
-            found.append(CellCheckRow(f"relative force error, best fit with {kind} ISRU", names[0], float(off)))
-            if vector:
-                found.append(CellCheckRow("seconds of the closed form", names[0], fit.seconds))
-                for text, ties in (("12", np.eye(len(block))), ("6 shared", pairs)):
-                    name = f"variance inflation of the sideways bias, {text} weights a branch"
-                    found.append(CellCheckRow(name, names[0], inflation(block, ties)))
+    for scene, vector in product(("fall", "blow", "hang", "ball"), (True, False)):
+        block, target = columns((scene,), states, 1000, vector=vector)
+        fit = least_squares((block, target))
+        off = np.linalg.norm(fit.numbers @ block - target) / np.linalg.norm(target)
+        kind = "vector" if vector else "component-wise"
+        found.append(CellCheckRow(f"relative force error, best fit with {kind} ISRU", scene, float(off)))
+        if vector:
+            found.append(CellCheckRow("seconds of the closed form", scene, fit.seconds))
+        for text, ties in (("12", np.eye(len(block))), ("6 shared", pairs)) if vector else ():
+            tied = ties.T @ block
+            tied /= np.sqrt((tied**2).mean(1))[:, None]
+            inflation = float(np.linalg.inv(tied @ tied.T / tied.shape[1])[-3, -3])  # by the columns beside it
+            name = f"variance inflation of the sideways bias, {text} weights a branch"
+            found.append(CellCheckRow(name, scene, inflation))
     return found + laws()
 
 
@@ -136,7 +160,19 @@ def laws() -> list[CellCheckRow]:
         gap = turned - np.einsum("ij,bjhw->bihw", turn, force)
         lost = abs(force.sum((0, 2, 3))).max() / abs(force).sum()
         found.append(CellCheckRow("sum of forces over sum of their sizes", name, float(lost)))
-        found.append(
-            CellCheckRow("error of turned forces over the largest", name, float(abs(gap).max() / abs(force).max()))
-        )
+        turning = abs(gap).max() / abs(force).max()
+        found.append(CellCheckRow("error of turned forces over the largest", name, float(turning)))
     return found
+
+
+def table(rows: Sequence[CellRow], speeds: Sequence[CellSpeedRow], checks: Sequence[CellCheckRow]) -> str:
+    """Errors, speeds and checks of the physics-embedded CNN."""
+    lines = [f"{'max |dx|, % of 1 m':42s}{'0.25 s':>10s}{'0.5 s':>10s}{'whole':>10s}{'mean':>10s}{'paper':>8s}"]
+    for r in rows:
+        numbers = (r.until_quarter_second, r.until_half_second, r.whole, r.mean_at_end)
+        lines.append(f"{r.scene:5s} {r.run:36s}" + "".join(f"{n:10.2e}" for n in numbers) + f"{r.paper:8.3f}")
+    lines.append(f"\n{'steps/s':24s}{'median':>9s}{'best':>9s}{'x simulator':>13s}{'paper':>8s}")
+    lines += [
+        f"{s.engine:16s}{s.dtype:8s}{s.median:9.0f}{s.best:9.0f}{s.over_simulator:13.2f}{s.paper:8.0f}" for s in speeds
+    ]
+    return "\n".join([*lines, "", *(f"{c.name}, {c.scene}: {c.value:.3g}" for c in checks)])

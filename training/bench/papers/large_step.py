@@ -6,14 +6,14 @@
 By Markov's inequality a polynomial bounded by 1 has ``|B'(0)| <= K^2 / (2 R^2)``: R is at most K, whatever is learned.
 K explicit steps reach that. What K cells can do beyond is to soften: slow motion with the stiffness times ``(K/R)^2``.
 
-**What softening costs** is measured here: the explicit solver on a sheet whose springs are softer by ``(K/R)^2`` takes
-steps ``R/K`` as long. Errors are those of ``bench speed-accuracy``: mean distance from truth in % of the cloth's
-length after restarts from truth on held-out seeds; times are of the processor.
+**What softening costs** is measured: the explicit solver on a sheet whose springs are softer by ``(K/R)^2`` takes steps
+``R/K`` as long. Errors are those of ``bench speed-accuracy``; times are of the processor.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,13 +24,33 @@ from cloth_envs.physics.solver import reference
 from cloth_envs.registry import make_backend
 from cloth_envs.scene import Scene
 from training.bench.measure import run, vertex_error
-from training.bench.papers.rows import GrowthRow, LargeStepRow
 from training.truth import Case, load
 
 SCENES = ("Hanging", "Flag", "Curtain")
 SEEDS, START, HORIZON = (200, 201, 202), 25, 10
 SOFTER = (4, 16)  # (R / K)^2
 RATIOS, CELLS = (1.0, 2.0, 4.0, 8.0), (1, 2, 3, 4, 8)
+
+
+@dataclass(frozen=True)
+class GrowthRow:
+    """The least growth of the worst mode in one step ``ratio`` times the explicit one by ``cells`` cells."""
+
+    ratio: float
+    cells: int
+    growth: float
+
+
+@dataclass(frozen=True)
+class LargeStepRow:
+    """A method on a scene: medians over seeds of errors [%] and of the time of a frame [ms]."""
+
+    scene: str
+    method: str
+    ms: float
+    error_1: float
+    error_5: float
+    error_10: float
 
 
 def growth(ratio: float, cells: int) -> float:
@@ -41,38 +61,24 @@ def growth(ratio: float, cells: int) -> float:
     top = 4 * ratio**2
     at = np.cos(np.linspace(0, np.pi, 800))  # z = top (1 - at) / 2
     powers = np.polynomial.chebyshev.chebvander(at, cells)
-    ends = np.polynomial.chebyshev.chebvander([1.0], cells)[0]
-    slopes = np.arange(cells + 1) ** 2 * (-2 / top)  # T_n'(1) = n^2
     bound = np.concatenate([np.hstack([s * powers, -np.ones((len(at), 1))]) for s in (1, -1)])
-    equal = np.array([[*ends, 0.0], [*slopes, 0.0]])
-    cost = np.zeros(cells + 2)
-    cost[-1] = 1.0
+    order = np.arange(cells + 1)  # T_n(1) = 1, T_n'(1) = n^2
+    equal = np.array([[*order**0, 0], [*order**2 * (-2 / top), 0]])
+    cost = np.arange(cells + 2) == cells + 1
     solved = linprog(cost, bound, np.zeros(len(bound)), equal, [1.0, -0.5], bounds=(None, None))
     largest = max(1.0, float(solved.fun))
     return largest + np.sqrt(max(0.0, largest**2 - 1 - 1e-9))
 
 
-def bounds() -> list[GrowthRow]:
-    """The least growth for every ratio and number of cells."""
-    return [GrowthRow(ratio, cells, growth(ratio, cells)) for ratio in RATIOS for cells in CELLS]
-
-
-def soft(scene: Scene, times: float) -> Backend:
-    """The explicit solver with springs ``times`` softer."""
-    m = scene.material
-    changed = m.with_changes(
-        stretch_stiffness=m.stretch_stiffness / times,
-        shear_stiffness=m.shear_stiffness / times,
-        damping=m.damping * times,
-    )
-    return reference(scene.with_material(changed))
-
-
 def methods(scene: Scene) -> dict[str, Backend]:
-    """All that take part."""
-    return {
-        "explicit": reference(scene),
-        **{f"steps x{np.sqrt(s):g} by softening": soft(scene, s) for s in SOFTER},
+    """All that take part; softening is the explicit solver with springs so many times softer."""
+    found = {"explicit": reference(scene)}
+    for times in SOFTER:
+        m = scene.material
+        softer = {name: getattr(m, name) / times for name in ("stretch_stiffness", "shear_stiffness")}
+        soft = scene.with_material(m.with_changes(**softer, damping=m.damping * times))
+        found[f"steps x{np.sqrt(times):g} by softening"] = reference(soft)
+    return found | {
         "P-ADMM, 10 iterations": reference(scene, solver="admm", iterations=10),
         "implicit": reference(scene, solver="implicit"),
         "miniature, calibrated 1/2": make_backend("miniature", scene, backend_kwargs={"scaling": "calibrated"}),
@@ -82,13 +88,23 @@ def methods(scene: Scene) -> dict[str, Backend]:
 def compare(scene: str, seeds: Sequence[int], cache: Path) -> list[LargeStepRow]:
     """Every method on ``scene``; truths are kept in ``cache``."""
     found: dict[str, list[list[float]]] = {}
-    keep = [START + k for k in range(HORIZON + 1)]
     for seed in seeds:
-        truth = load(Case(scene, seed), START + HORIZON, keep, cache)
+        truth = load(Case(scene, seed), START + HORIZON, range(START, START + HORIZON + 1), cache)
         start, controls = truth.states[START], truth.controls[START : START + HORIZON]
         for method, backend in methods(truth.scene).items():
             run(backend, truth.scene, start, controls[:2])  # warms up
-            states = (timed := run(backend, truth.scene, start, controls)).states
-            off = [100 * vertex_error(truth.scene, states[k], truth.states[START + k]) for k in (1, 5, HORIZON)]
+            timed = run(backend, truth.scene, start, controls)
+            off = [100 * vertex_error(truth.scene, timed.states[k], truth.states[START + k]) for k in (1, 5, HORIZON)]
             found.setdefault(method, []).append([timed.ms, *off])
     return [LargeStepRow(scene, method, *np.median(values, 0).tolist()) for method, values in found.items()]
+
+
+def table(rows: Sequence[LargeStepRow], bound: Sequence[GrowthRow]) -> str:
+    """The bound, and what softening costs."""
+    cells, ratios = (list(dict.fromkeys(getattr(g, name) for g in bound)) for name in ("cells", "ratio"))
+    lines = ["least growth of the worst mode a step", f"{'R':>4s}" + "".join(f"{f'K={k}':>9s}" for k in cells)]
+    lines += [f"{x:4g}" + "".join(f"{g.growth:9.3g}" for g in bound if g.ratio == x) for x in ratios]
+    lines.append(f"\n{'':40s}{'ms':>8s}" + "".join(f"{f'{k} frames':>10s}" for k in (1, 5, 10)))
+    for r in rows:
+        lines.append(f"{r.scene:8s} {r.method:31s}{r.ms:8.2f}{r.error_1:10.4f}{r.error_5:10.4f}{r.error_10:10.4f}")
+    return "\n".join(lines)

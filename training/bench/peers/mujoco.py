@@ -10,13 +10,16 @@ computed by our NumPy twin once a step and enters as a force; its time is not co
 
 from __future__ import annotations
 
+from typing import Any
+
 import mujoco
 import numpy as np
 
 from cloth_envs.physics.laws.air import wind_forces
-from training.bench.peers.scenes import Peer, Setup
+from cloth_envs.state import State
+from training.bench.peers.scenes import Peer, Setup, clock
 
-CONTACT = "0.004 1"  # solref of contact: the stiff end of what the documentation recommends
+SOLREF = "0.004 1"  # of contact and of edges: the stiff end of what the documentation recommends
 
 
 def sheet(setup: Setup) -> tuple[float, float, float]:
@@ -29,25 +32,26 @@ def sheet(setup: Setup) -> tuple[float, float, float]:
     return young_thickness / thickness, poisson, thickness
 
 
-def document(setup: Setup, method: str, step: float, solver: str, iterations: int, solref: float, passive: bool) -> str:
-    """The model as MJCF."""
+def document(
+    setup: Setup, method: str, step: float, *, solver: str = "Newton", iterations: int = 100, passive: bool = False
+) -> str:
+    """The model as MJCF: ``solver`` and ``iterations`` are those of the constraints, contact is ``passive`` by implicit
+    penalty forces without friction.
+    """
     scene, grid = setup.scene, setup.scene.grid
     young, poisson, thickness = sheet(setup)
     points = " ".join(f"{value:.9g}" for value in np.moveaxis(setup.rest, 0, -1).ravel())
     elements = " ".join(map(str, grid.triangles.ravel()))
     held = f'<pin id="{" ".join(map(str, scene.handles))}"/>' if scene.handles else ""
-    integrator = "implicitfast" if method == "edges" else "discrete"
-    terms = {"elastic": "both", "membrane": "stretch"}
-    cloth = (
-        f'<edge equality="true" solref="{solref} 1"/>'
-        if method == "edges"
-        else f'<elasticity young="{young}" poisson="{poisson}" thickness="{thickness}" '
-        f'damping="{scene.material.damping}" elastic2d="{terms[method]}"/>'
-    )
+    integrator, cloth = "implicitfast", f'<edge equality="true" solref="{SOLREF}"/>'
+    if method != "edges":
+        integrator, terms = "discrete", {"elastic": "both", "membrane": "stretch"}[method]
+        cloth = f'<elasticity young="{young}" poisson="{poisson}" thickness="{thickness}" '
+        cloth += f'damping="{scene.material.damping}" elastic2d="{terms}"/>'
     body = scene.colliders[0] if scene.colliders else None
-    sphere = f'<geom type="sphere" size="{body.radius}" friction="{body.friction} 0 0"/>' if body else ""
     friction = f'friction="{body.friction} 0 0"' if body else ""
-    contact = f'<contact selfcollide="none" solref="{CONTACT}" passive="{str(passive).lower()}" {friction}/>'
+    sphere = f'<geom type="sphere" size="{body.radius}" {friction}/>' if body else ""
+    contact = f'<contact selfcollide="none" solref="{SOLREF}" passive="{str(passive).lower()}" {friction}/>'
     flags = f'<flag autoreset="disable" contact="{"enable" if body else "disable"}"/>'
     return f"""<mujoco>
       <option timestep="{step}" integrator="{integrator}" solver="{solver}" iterations="{iterations}"
@@ -60,30 +64,14 @@ def document(setup: Setup, method: str, step: float, solver: str, iterations: in
 
 
 class MujocoCloth(Peer):
-    """``method``: ``"elastic"`` (stretch and bending), ``"membrane"`` (stretch), ``"edges"`` (constraints).
+    """``method``: ``"elastic"`` (stretch and bending), ``"membrane"`` (stretch), ``"edges"`` (constraints)."""
 
-    Args:
-        substeps: of a frame.
-        solver, iterations: of the constraints.
-        solref: time constant of the edges' constraints [s].
-        passive: contact by implicit penalty forces, without friction.
-    """
-
-    def __init__(
-        self,
-        setup: Setup,
-        method: str = "elastic",
-        substeps: int = 1,
-        solver: str = "Newton",
-        iterations: int = 100,
-        solref: float = 0.004,
-        passive: bool = False,
-    ) -> None:
+    def __init__(self, setup: Setup, method: str = "elastic", substeps: int = 1, **options: Any) -> None:
         mujoco.set_mju_user_warning(lambda _: None)  # keeps it from writing a log file where it is run
         super().__init__(setup)
         self.substeps = substeps
         scene = setup.scene
-        text = document(setup, method, scene.frame_dt / substeps, solver, iterations, solref, passive)
+        text = document(setup, method, scene.frame_dt / substeps, **options)
         self.model = mujoco.MjModel.from_xml_string(text)
         self.free = ~setup.pins
         self.model.body_mass[1:] = scene.mass[self.free]
@@ -94,21 +82,20 @@ class MujocoCloth(Peer):
         self.masses[self.free] = self.model.body_mass[1:]
         self.reset(setup.start)
 
-    def place(self, positions: np.ndarray, velocities: np.ndarray) -> None:
+    def reset(self, state: State, materials: object = None, which: object = None) -> None:
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:] = (positions - self.setup.rest)[:, self.free].T.ravel()
-        self.data.qvel[:] = velocities[:, self.free].T.ravel()
+        self.data.qpos[:] = (state.positions[0] - self.setup.rest)[:, self.free].T.ravel()
+        self.data.qvel[:] = state.velocities[0][:, self.free].T.ravel()
 
     def run_frame(self, wind: np.ndarray) -> None:
-        if self.scene.wind is None:
-            with self.watch:
-                mujoco.mj_step(self.model, self.data, self.substeps)
-            return
-        for _ in range(self.substeps):
-            x, v = self.read()
-            self.data.qfrc_applied[:] = wind_forces(self.scene, x[None], v[None], wind)[0][:, self.free].T.ravel()
-            with self.watch:
-                mujoco.mj_step(self.model, self.data)
+        together = self.substeps if self.scene.wind is None else 1
+        for _ in range(self.substeps // together):
+            if self.scene.wind is not None:
+                x, v = self.read()
+                self.data.qfrc_applied[:] = wind_forces(self.scene, x[None], v[None], wind)[0][:, self.free].T.ravel()
+            begin = clock()
+            mujoco.mj_step(self.model, self.data, together)
+            self.taken += clock() - begin
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         x, v = self.setup.rest.copy(), np.zeros_like(self.setup.rest)

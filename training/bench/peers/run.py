@@ -8,13 +8,12 @@ busy machine the wall clock (also stored) punishes those whose frames are long; 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from importlib.util import find_spec
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
@@ -23,11 +22,9 @@ from cloth_envs.backend import Backend
 from cloth_envs.extras import install
 from cloth_envs.naming import resolve
 from cloth_envs.physics.truth import TRUTHS
-from cloth_envs.registry import make_backend
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
-from training.bench.participants import extra
-from training.bench.peers.chart import STEM, draw
-from training.bench.peers.rows import OWN, PEER_KEY, PeerRow, table
+from training.bench.participants import Participant, extra
+from training.bench.peers.results import OWN, PEER_KEY, STEM, PeerRow, draw, table
 from training.bench.peers.scenes import EARLY, LATE, NAMES, Setup, Trace, build, error_mm, follow, lag, p99
 from training.rollouts import nudge
 
@@ -58,35 +55,25 @@ SETTINGS: dict[str, Sequence[Options]] = {
     ],
 }
 # On C only: contact without friction, the cheaper of MuJoCo's.
-CONTACT: dict[str, Sequence[Options]] = {
-    "MuJoCo": [{"method": "membrane", "substeps": n, "passive": True} for n in (1, 2)]
-}
-# An engine's own model at a fine step [s], by what tells its models apart. Taichi's kernels compute our forces: our
-# truth is theirs (XPBD in single precision gets worse again below a step of a quarter of a millisecond). With
-# friction a step of MuJoCo's shell with bending takes a second on C, its fine run minutes: left out there.
-FINE: dict[str, Sequence[tuple[Options, float]]] = {
-    "MuJoCo": [
-        ({"method": "membrane", "passive": True}, 2.5e-3),
-        ({"method": "membrane"}, 2.5e-3),
-        ({"method": "elastic"}, 2.5e-3),
-    ],
-}
+CONTACT = [{"method": "membrane", "substeps": n, "passive": True} for n in (1, 2)]
+# MuJoCo's own models at a fine step [s]. Taichi's kernels compute our forces: our truth is theirs (XPBD in single
+# precision gets worse again below a step of a quarter of a millisecond). With friction a step of MuJoCo's shell with
+# bending takes a second on C, its fine run minutes: left out there.
+FINE: list[Options] = [{"method": "membrane", "passive": True}, {"method": "membrane"}, {"method": "elastic"}]
+FINE_STEP = 2.5e-3
 
 
-class Entry(NamedTuple):
+def setting(engine: str, options: Options) -> Participant:
     """An engine with one setting."""
-
-    engine: str
-    options: Options
+    return Participant(engine, CLASSES.get(engine, "reference"), options)
 
 
-def make(entry: Entry, setup: Setup) -> Backend:
-    """The engine of ``entry`` for one cloth: ours, a peer, or a backend that ``--backend`` named."""
-    if entry.engine in CLASSES:
-        peer: Backend = resolve(CLASSES[entry.engine])(setup, **entry.options)
-        return peer
-    name = "reference" if entry.engine == OWN else entry.engine
-    return make_backend(name, setup.scene, backend_kwargs=entry.options)
+def make(chosen: Participant, setup: Setup) -> Backend:
+    """The engine for one cloth: ours, a peer, or a backend that ``--backend`` named."""
+    if chosen.family not in CLASSES:
+        return chosen.build(setup.scene)
+    peer: Backend = resolve(chosen.backend)(setup, **chosen.options)
+    return peer
 
 
 def missing(engine: str) -> str:
@@ -96,38 +83,37 @@ def missing(engine: str) -> str:
     return ""
 
 
-def entries(scene: str, engines: Sequence[str], *, quick: bool) -> list[Entry]:
+def entries(scene: str, engines: Sequence[str], *, quick: bool) -> list[Participant]:
     """All that is run on ``scene``; a third of it where it is to be ``quick``."""
     found = []
     for engine in engines:
-        contact = CONTACT.get(engine, ()) if scene == "C" else ()
-        found += [Entry(engine, options) for options in (*SETTINGS[engine][:: 3 if quick else 1], *contact)]
-    return [e for e in found if e.options.get("solver") != "implicit" or find_spec("cholespy")]
+        contact = CONTACT if scene == "C" and engine == "MuJoCo" else ()
+        found += [setting(engine, options) for options in (*SETTINGS[engine][:: 3 if quick else 1], *contact)]
+    return [p for p in found if p.options.get("solver") != "implicit" or find_spec("cholespy")]
 
 
-def own_truths(setup: Setup, engines: Sequence[str]) -> list[tuple[Entry, Trace]]:
-    """Runs of the engines' own models at a fine step, where they are worth their time."""
-    found = []
-    for engine in engines:
-        for options, step in FINE.get(engine, ()):
-            if options["method"] != "elastic" if setup.name == "C" else not options.get("passive"):
-                fine = Entry(engine, {**options, "substeps": round(setup.scene.frame_dt / step)})
-                found.append((Entry(engine, options), follow(setup, make(fine, setup))))
+def own_truths(setup: Setup) -> list[tuple[Options, Trace]]:
+    """Runs of MuJoCo's own models at a fine step, where they are worth their time."""
+    found, substeps = [], round(setup.scene.frame_dt / FINE_STEP)
+    for options in FINE:
+        if options["method"] != "elastic" if setup.scene.name == "C" else not options.get("passive"):
+            fine = setting("MuJoCo", {**options, "substeps": substeps})
+            found.append((options, follow(setup, make(fine, setup))))
     return found
 
 
-def timed(setup: Setup, chosen: Sequence[Entry], budget: float) -> list[tuple[int, Trace, np.ndarray]]:
+def timed(setup: Setup, chosen: Sequence[Participant], budget: float) -> list[tuple[int, Trace, np.ndarray]]:
     """Of each the substeps, its first run and the seconds of all frames ``(frames, 2)``; repeated runs take turns.
 
     Each runs once at least, five times at most, and as long as its runs took less than ``budget`` seconds together.
     """
-    engines = [make(entry, setup) for entry in chosen]
+    engines = [make(one, setup) for one in chosen]
     first = []
-    for engine in tqdm(engines, desc=f"{setup.name}: engines", disable=None):
+    for engine in tqdm(engines, desc=f"{setup.scene.name}: engines", disable=None):
         follow(setup, engine, seconds=setup.scene.frame_dt)  # warms up
         first.append(follow(setup, engine, limit=LIMIT))
     seconds = [[trace.seconds] for trace in first]
-    for _ in tqdm(range(4), desc=f"{setup.name}: again", disable=None):
+    for _ in tqdm(range(4), desc=f"{setup.scene.name}: again", disable=None):
         for engine, trace, times in zip(engines, first, seconds, strict=True):
             if not trace.failure and sum(t[:, 0].sum() for t in times) <= budget:
                 times.append(follow(setup, engine).seconds)
@@ -136,54 +122,27 @@ def timed(setup: Setup, chosen: Sequence[Entry], budget: float) -> list[tuple[in
 
 
 def measure_scene(
-    setup: Setup, chosen: Sequence[Entry], own: Sequence[tuple[Entry, Trace]], budget: float
+    setup: Setup, chosen: Sequence[Participant], own: Sequence[tuple[Options, Trace]], budget: float
 ) -> list[PeerRow]:
     """All of ``chosen`` on one scene, against our truth and those of ``own`` that they are a coarser step of."""
-    ours = Entry(OWN, TRUTH)
+    ours = setting(OWN, TRUTH)
     true = follow(setup, make(ours, setup))
     near = replace(setup, start=nudge(setup.start, setup.scene, 0))
     floor = follow(near, make(ours, near))
     rows = []
-    for entry, (substeps, trace, seconds) in zip(chosen, timed(setup, chosen, budget), strict=True):
-        fine = next(
-            (t for e, t in own if e.engine == entry.engine and e.options.items() <= entry.options.items()), None
-        )
-        late, early = (fine.late, fine.early) if fine else (None, None)
+    for one, (substeps, trace, seconds) in zip(chosen, timed(setup, chosen, budget), strict=True):
+        mine = (t for options, t in own if one.family == "MuJoCo" and options.items() <= one.options.items())
+        truths = true, next(mine, Trace())
         wall, cpu = 1e3 * seconds.T
-        q1, median, q3 = np.percentile(cpu, [25, 50, 75]).tolist()
-        rows.append(
-            PeerRow(
-                setup.name,
-                *setup.scene.grid.shape,
-                entry.engine,
-                json.dumps(dict(entry.options)),
-                step_ms=1e3 * setup.scene.frame_dt / substeps,
-                frames=len(cpu),
-                ms_q1=q1,
-                ms=median,
-                ms_q3=q3,
-                wall_ms=float(np.median(wall)),
-                early_mm=error_mm(setup, trace.early, true.early),
-                late_mm=error_mm(setup, trace.late, true.late),
-                own_early_mm=error_mm(setup, trace.early, early),
-                own_late_mm=error_mm(setup, trace.late, late),
-                lag=lag(setup, trace.late, true.late),
-                own_lag=lag(setup, trace.late, late),
-                p99=p99(setup, trace.late),
-                p99_truth=p99(setup, true.late),
-                floor_early_mm=error_mm(setup, floor.early, true.early),
-                floor_late_mm=error_mm(setup, floor.late, true.late),
-                failure=trace.failure,
-            )
-        )
+        compared = [(trace, truth) for truth in truths] + [(floor, true)]
+        errors = [error_mm(*pair) for a, b in compared for pair in ((a.early, b.early), (a.late, b.late))]
+        step, quartiles = 1e3 * setup.scene.frame_dt / substeps, np.percentile(cpu, [25, 50, 75]).tolist()
+        lags = [lag(setup, trace.late, truth.late) for truth in truths]
+        strains = [p99(setup, x.late) for x in (trace, true)]
+        values = [*quartiles, float(np.median(wall)), *errors[:4], *lags, *strains, *errors[4:]]
+        about: list[Any] = [setup.scene.name, *setup.scene.grid.shape, one.family, one.text, step, len(cpu)]
+        rows.append(PeerRow(*[*about, *values, trace.failure]))
     return rows
-
-
-def _version(engine: str) -> str:
-    try:
-        return version(engine.lower())
-    except PackageNotFoundError:
-        return "of unknown version"
 
 
 def measure(session: Session) -> None:
@@ -193,19 +152,18 @@ def measure(session: Session) -> None:
     engines = [engine for engine in SETTINGS if not missing(engine)]
     session.about |= {
         "threads": 1,
-        "engines": ", ".join(f"{engine} {_version(engine)}" for engine in engines if engine != OWN),
+        "engines": ", ".join(f"{engine} {version(engine.lower())}" for engine in engines if engine != OWN),
         "budget_s": session.given.budget,
         "omp_num_threads": os.environ.get("OMP_NUM_THREADS", "unset"),
         "early_s": EARLY,
         "late_s": LATE,
     }
     store = session.store(STEM)
-    others = [Entry(p.backend, p.options) for p in extra(session.given.backend)]
     for name in session.scenes:
-        chosen = [*entries(name, engines, quick=session.quick), *others]
-        if not all((name, e.engine, json.dumps(dict(e.options))) in store for e in chosen):
+        chosen = [*entries(name, engines, quick=session.quick), *extra(session.given.backend)]
+        if not all((name, p.family, p.text) in store for p in chosen):
             setup = build(name, QUICK if session.quick else 1)
-            own = [] if session.quick else own_truths(setup, engines)
+            own = own_truths(setup) if "MuJoCo" in engines and not session.quick else []
             store.add(*measure_scene(setup, chosen, own, session.given.budget))
 
 

@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from itertools import repeat
 from time import perf_counter, process_time
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,8 +28,8 @@ from cloth_envs.state import Controls, State
 from training.metrics.errors import distances
 from training.rollouts import replay
 
-NAMES = ("A", "B", "C")
 TITLES = {"A": "A: sheet swings down", "B": "B: flag in wind", "C": "C: sheet falls on a sphere"}
+NAMES = tuple(TITLES)
 EARLY, LATE = 0.2, 0.5  # s; errors after both, the mean height at the later
 RADIUS, DROP = 0.3, 0.05  # m
 # B: steady, 45 degrees off the flag's plane, [m/s]. C: smooth waves of 5 mm; in a perfectly flat sheet rounding would
@@ -41,7 +42,6 @@ WAVE = 0.005
 class Setup:
     """A scene, its start, the unstrained sheet ``(3, rows, cols)`` there, and controls that hold for every frame."""
 
-    name: str
     scene: Scene
     start: State
     rest: np.ndarray
@@ -67,68 +67,54 @@ def build(name: str, coarse: int = 1) -> Setup:
     """
     rows, cols, height, width = {"A": (73, 49, 1.5, 1.0), "B": (33, 49, 1.0, 1.5), "C": (61, 41, 1.5, 1.0)}[name]
     grid = Grid((rows - 1) // coarse + 1, (cols - 1) // coarse + 1, height, width)
-    along, down = np.linspace(0, width, grid.cols), np.linspace(0, height, grid.rows)[:, None]
-    positions = np.zeros((1, 3, *grid.shape))
-    bodies = None
-    if name == "A":
-        scene = Scene("A", grid, Material(), 0.04, handles=tuple(range(grid.cols)))
-        positions[0, 0], positions[0, 1] = along, -down
-    elif name == "B":
+    options: dict[str, Any] = {"handles": tuple(range(grid.cols))}
+    if name == "B":
         hoist = tuple(grid.index(row, 0) for row in range(grid.rows))
-        scene = Scene("B", grid, Material(), 0.04, handles=hoist, drag=False, wind=Wind())
-        positions[0, 0], positions[0, 2] = along, -down
-    else:
-        scene = Scene("C", grid, Material(), 0.02, colliders=(Collider("sphere", RADIUS),))
-        x, y = along - width / 2, height / 2 - down
-        positions[0, 0], positions[0, 1] = x, y
-        positions[0, 2] = RADIUS + scene.thickness + DROP
-        bodies = np.zeros((1, 1, 2, 3))
-    rest = positions[0].copy()
+        options = {"handles": hoist, "drag": False, "wind": Wind()}
+    elif name == "C":
+        options = {"colliders": (Collider("sphere", RADIUS),)}
+    scene = Scene(name, grid, Material(), 0.02 if name == "C" else 0.04, **options)
+    rest = np.zeros((3, *grid.shape))
+    rest[0] = np.linspace(0, width, grid.cols)
+    rest[2 if name == "B" else 1] = -np.linspace(0, height, grid.rows)[:, None]
     if name == "C":
+        rest += np.reshape([-width / 2, height / 2, RADIUS + scene.thickness + DROP], (3, 1, 1))
+    positions = rest[None].copy()
+    if name == "C":
+        x, y = rest[:2]
         positions[0, 2] += WAVE * np.sin(4 * np.pi * x / width + 0.5) * np.cos(6 * np.pi * y / height + 0.3)
-    start = State.still(positions, bodies)
+    start = State.still(positions, np.zeros((1, len(scene.colliders), 2, 3)))
     controls = Controls.hold(start, scene.handles)
     if scene.wind is not None:
         controls.wind[:] = WIND
-    return Setup(name, scene, start, rest, controls)
+    return Setup(scene, start, rest, controls)
 
 
-class Stopwatch:
-    """Wall clock and processor time [s] of all ``with`` blocks together."""
-
-    wall = cpu = 0.0
-
-    def __enter__(self) -> None:
-        self._wall, self._cpu = perf_counter(), process_time()
-
-    def __exit__(self, *_: object) -> None:
-        self.wall += perf_counter() - self._wall
-        self.cpu += process_time() - self._cpu
+def clock() -> np.ndarray:
+    """Wall clock and processor time ``(2,)`` [s]."""
+    return np.array([perf_counter(), process_time()])
 
 
 class Peer(ABC):
-    """Somebody else's simulator as a backend for the one cloth of a ``Setup``.
+    """Somebody else's simulator as a backend for the one cloth of a ``Setup``, with ``substeps`` a frame.
 
-    Attributes:
-        substeps: steps of a frame.
-        masses: of the vertices, ``(rows, cols)`` [kg].
-        watch: the time that the engine itself took for the last frame.
+    ``masses`` are the vertices' ``(rows, cols)`` [kg], ``taken`` is by ``clock`` what the last frame took the engine.
     """
 
     substeps: int
     masses: np.ndarray
 
     def __init__(self, setup: Setup) -> None:
-        self.setup, self.scene, self.watch = setup, setup.scene, Stopwatch()
+        self.setup, self.scene, self.taken = setup, setup.scene, np.zeros(2)
         self.memory: dict[str, np.ndarray] = {}
 
     @abstractmethod
-    def place(self, positions: np.ndarray, velocities: np.ndarray) -> None:
-        """Put the vertices there, both ``(3, rows, cols)``."""
+    def reset(self, state: State, materials: object = None, which: object = None) -> None:
+        """Start from ``state``; the material is the scene's."""
 
     @abstractmethod
     def run_frame(self, wind: np.ndarray) -> None:
-        """One frame under ``wind`` ``(1, 3)`` [m/s], what the engine does of it under ``watch``."""
+        """One frame under ``wind`` ``(1, 3)`` [m/s], adding to ``taken`` what the engine does of it."""
 
     @abstractmethod
     def read(self) -> tuple[np.ndarray, np.ndarray]:
@@ -141,46 +127,38 @@ class Peer(ABC):
         state.positions[0], state.velocities[0] = self.read()
         return state
 
-    def reset(self, state: State, materials: object = None, which: object = None) -> None:
-        """Start from ``state``; the material is the scene's."""
-        self.place(state.positions[0], state.velocities[0])
-
     def recall(self, memory: dict[str, np.ndarray]) -> None:
         """Nothing decides the future beyond the state."""
         self.memory = memory
 
     def advance(self, controls: Controls) -> State:
         """One frame; pins and bodies stay."""
-        self.watch = Stopwatch()
+        self.taken = np.zeros(2)
         self.run_frame(controls.wind)
         return self.state
 
 
-@dataclass(frozen=True)
-class Trace:
-    """What a run left: states at the early and the late time (None after a failure), and every frame's wall clock and
-    processor time ``(frames, 2)`` [s].
-    """
+class Trace(NamedTuple):
+    """States at the early and the late time (None after a failure), and ``clock`` of every frame ``(frames, 2)``."""
 
-    early: State | None
-    late: State | None
-    seconds: np.ndarray
-    failure: str
+    early: State | None = None
+    late: State | None = None
+    seconds: np.ndarray = np.zeros((0, 2))
+    failure: str = ""
 
 
 def follow(setup: Setup, engine: Backend, *, seconds: float = LATE, limit: float = np.inf) -> Trace:
     """Run ``engine`` from the start for ``seconds`` of the scene, or until it has taken ``limit`` seconds of ours."""
     failures, before = Failures(setup.scene), setup.start.astype(np.float64)
     kept: dict[int, State] = {}
-    times: list[tuple[float, float]] = []
+    times: list[np.ndarray] = []
     failure = ""
     frames = replay(engine, setup.start, repeat(setup.controls, setup.frames(seconds)))
     for frame, (state, taken) in enumerate(frames, 1):
-        watch = engine.watch if isinstance(engine, Peer) else taken
-        times.append((watch.wall, watch.cpu))
+        times.append(engine.taken if isinstance(engine, Peer) else np.array([taken.wall, taken.cpu]))
         state = state.astype(np.float64)
         failure = failures.check(before, state)[0] or ""
-        if not failure and sum(wall for wall, _ in times) > limit:
+        if not failure and np.sum(times, 0)[0] > limit:
             failure = f"stopped after {limit:g} s,"
         if failure:
             failure += f" at frame {frame}"
@@ -189,7 +167,7 @@ def follow(setup: Setup, engine: Backend, *, seconds: float = LATE, limit: float
     return Trace(kept.get(setup.frames(EARLY)), kept.get(setup.frames(LATE)), np.array(times), failure)
 
 
-def error_mm(setup: Setup, state: State | None, truth: State | None) -> float:
+def error_mm(state: State | None, truth: State | None) -> float:
     """Mean distance of the vertices [mm]; NaN where one is missing."""
     if state is None or truth is None:
         return float("nan")

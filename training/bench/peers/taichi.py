@@ -19,7 +19,8 @@ import taichi as ti
 from cloth_envs.physics.explicit.stability import stable_step
 from cloth_envs.physics.laws.stencil import edges
 from cloth_envs.scene import Wind
-from training.bench.peers.scenes import Peer, Setup
+from cloth_envs.state import State
+from training.bench.peers.scenes import Peer, Setup, clock
 
 PAD = 2  # vertices of no stiffness around the grid: no neighbour is missing
 # Of a cell, both diagonals, by (row, column) from its first corner.
@@ -36,11 +37,8 @@ def start() -> None:
 
 @ti.data_oriented
 class TaichiCloth(Peer):
-    """``method`` is ``"explicit"`` (symplectic Euler) or ``"xpbd"`` (Macklin et al. 2016, ``iterations`` a substep).
-
-    Args:
-        refine: the explicit method's substeps are the stable number times this.
-        substeps: of XPBD, a frame.
+    """``method`` is ``"explicit"`` (symplectic Euler, ``refine`` times the stable number of substeps) or ``"xpbd"``
+    (Macklin et al. 2016, ``substeps`` a frame of ``iterations`` each).
     """
 
     def __init__(
@@ -71,36 +69,36 @@ class TaichiCloth(Peer):
         self.inverse = ti.field(ti.f32, shape=shape)
         springs, bends = np.zeros((*shape, 4), np.float32), np.zeros((*shape, 2), np.float32)
         for kind, edge in enumerate(edges(grid)):
-            modulus = getattr(material, edge.modulus)
             row, col = np.divmod(edge.first, grid.cols)
-            springs[row + PAD, col + PAD, kind] = modulus * edge.weight
+            springs[row + PAD, col + PAD, kind] = getattr(material, edge.modulus) * edge.weight
         areas = grid.areas
         bends[PAD:-PAD, PAD + 1 : -PAD - 1, 0] = (material.bend_stiffness * areas / b**4)[:, 1:-1]
         bends[PAD + 1 : -PAD - 1, PAD:-PAD, 1] = (material.bend_stiffness * areas / a**4)[1:-1]
         inverse = np.pad(np.where(setup.pins, 0, 1 / self.masses), PAD).astype(np.float32)
         # Padding needs a place of its own: a spring of no stiffness must still have a length.
-        padded = np.zeros((*shape, 3), np.float32)
-        padded[..., 0], padded[..., 1] = np.arange(shape[1]), np.arange(shape[0])[:, None]
-        self._padded = padded
+        self._padded = np.zeros((*shape, 3), np.float32)
+        self._padded[..., 0], self._padded[..., 1] = np.arange(shape[1]), np.arange(shape[0])[:, None]
         for field, values in ((self.k, springs), (self.g, bends), (self.inverse, inverse)):
             field.from_numpy(values)
         self.reset(setup.start)
         self.advance(setup.controls)  # compiles
         self.reset(setup.start)
 
-    def place(self, positions: np.ndarray, velocities: np.ndarray) -> None:
-        for field, empty, values in ((self.x, self._padded, positions), (self.v, 0 * self._padded, velocities)):
-            empty[PAD:-PAD, PAD:-PAD] = np.moveaxis(values, 0, -1)
-            field.from_numpy(empty)
+    def reset(self, state: State, materials: object = None, which: object = None) -> None:
+        empty, padded = 0 * self._padded, self._padded
+        for field, around, values in ((self.x, padded, state.positions), (self.v, empty, state.velocities)):
+            around[PAD:-PAD, PAD:-PAD] = np.moveaxis(values[0], 0, -1)
+            field.from_numpy(around)
 
     def run_frame(self, wind: np.ndarray) -> None:
         h = self.scene.frame_dt / self.substeps
         decay = math.exp(-self.drag * h)
         push = h if self.drag == 0 else (1 - decay) / self.drag
         frame: Any = self.explicit if self.method == "explicit" else self.xpbd
-        with self.watch:
-            frame(self.substeps, h, decay, push, *wind[0])
-            ti.sync()
+        begin = clock()
+        frame(self.substeps, h, decay, push, *wind[0])
+        ti.sync()
+        self.taken += clock() - begin
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         x, v = (field.to_numpy()[PAD:-PAD, PAD:-PAD].astype(np.float64) for field in (self.x, self.v))
@@ -145,17 +143,19 @@ class TaichiCloth(Peer):
                     self.f[c] = self.f[c] + force
 
     @ti.func
-    def contact(self, x, v, h):  # type: ignore[no-untyped-def]
-        """Out of the sphere at the origin, with Coulomb friction."""
-        size = ti.sqrt(x.dot(x))
-        if size < self.radius:
-            n = x / size
-            speed, stop = n.dot(v), ti.max(-n.dot(v), 0.0)
-            slide = v - speed * n
-            hold = ti.min(self.friction * stop / (ti.sqrt(slide.dot(slide)) + 1e-20), 1.0)
-            x = x + (self.radius - size) * n - h * hold * slide
-            v = v + stop * n - hold * slide
-        return x, v
+    def settle(self, i, j, x, v, h):  # type: ignore[no-untyped-def]
+        """The vertex at ``x``, or out of the sphere at the origin, with Coulomb friction."""
+        if ti.static(self.body):
+            size = ti.sqrt(x.dot(x))
+            if size < self.radius:
+                n = x / size
+                speed, stop = n.dot(v), ti.max(-n.dot(v), 0.0)
+                slide = v - speed * n
+                hold = ti.min(self.friction * stop / (ti.sqrt(slide.dot(slide)) + 1e-20), 1.0)
+                x = x + (self.radius - size) * n - h * hold * slide
+                v = v + stop * n - hold * slide
+        self.x[i, j] = x
+        self.v[i, j] = v
 
     @ti.kernel
     def explicit(self, n: ti.i32, h: ti.f32, decay: ti.f32, push: ti.f32, wx: ti.f32, wy: ti.f32, wz: ti.f32):  # type: ignore[no-untyped-def]
@@ -171,11 +171,7 @@ class TaichiCloth(Peer):
                     w = self.inverse[i, j]
                     if w > 0.0:
                         v = self.v[i, j] * decay + (self.f[i, j] * w + ti.Vector([0.0, 0.0, -self.gravity])) * push
-                        x = self.x[i, j] + h * v
-                        if ti.static(self.body):
-                            x, v = self.contact(x, v, h)
-                        self.x[i, j] = x
-                        self.v[i, j] = v
+                        self.settle(i, j, self.x[i, j] + h * v, v, h)
 
     @ti.func
     def predict(self, wind, h, decay, push):  # type: ignore[no-untyped-def]
@@ -197,19 +193,6 @@ class TaichiCloth(Peer):
                 self.multiplier[i, j] = ti.Vector([0.0, 0.0, 0.0, 0.0])
                 self.bend[i, j] = ti.Matrix([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 
-    @ti.func
-    def finish(self, h):  # type: ignore[no-untyped-def]
-        """Velocities from the way that the vertices went, and contact."""
-        for i in range(PAD, PAD + self.rows):
-            for j in range(PAD, PAD + self.cols):
-                if self.inverse[i, j] > 0.0:
-                    x = self.x[i, j]
-                    v = (x - self.old[i, j]) / h
-                    if ti.static(self.body):
-                        x, v = self.contact(x, v, h)
-                    self.x[i, j] = x
-                    self.v[i, j] = v
-
     @ti.kernel
     def xpbd(self, n: ti.i32, h: ti.f32, decay: ti.f32, push: ti.f32, wx: ti.f32, wy: ti.f32, wz: ti.f32):  # type: ignore[no-untyped-def]
         ti.loop_config(serialize=True)
@@ -219,7 +202,10 @@ class TaichiCloth(Peer):
                 for i in range(PAD, PAD + self.rows):
                     for j in range(PAD, PAD + self.cols):
                         self.project(i, j, h)
-            self.finish(h)
+            for i in range(PAD, PAD + self.rows):
+                for j in range(PAD, PAD + self.cols):
+                    if self.inverse[i, j] > 0.0:
+                        self.settle(i, j, self.x[i, j], (self.x[i, j] - self.old[i, j]) / h, h)
 
     @ti.func
     def project(self, i, j, h):  # type: ignore[no-untyped-def]

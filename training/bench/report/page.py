@@ -40,11 +40,6 @@ def paragraph(text: str, kind: str = "") -> str:
     return f'<p class="{kind}">{escape(text)}</p>' if kind else f"<p>{escape(text)}</p>"
 
 
-def items(lines: Sequence[str]) -> str:
-    """A list with bullets."""
-    return "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
-
-
 def pre(text: str) -> str:
     """Text whose columns are aligned by spaces."""
     return f'<pre tabindex="0">{escape(text.strip(chr(10)))}</pre>'
@@ -83,11 +78,10 @@ def picture(path: Path, alt: str) -> str:
 
 def document(title: str, head: str, sections: Mapping[str, str]) -> str:
     """A page with a table of contents: ``head`` and ``sections`` (title -> body) are HTML."""
-    names = {name: f"s{number}" for number, name in enumerate(sections)}
-    contents = "".join(f'<li><a href="#{key}">{escape(name)}</a></li>' for name, key in names.items())
-    body = "".join(
-        f'<section id="{key}"><h2>{escape(name)}</h2>\n{sections[name]}\n</section>\n' for name, key in names.items()
-    )
+    contents = body = ""
+    for number, (name, html) in enumerate(sections.items()):
+        contents += f'<li><a href="#s{number}">{escape(name)}</a></li>'
+        body += f'<section id="s{number}"><h2>{escape(name)}</h2>\n{html}\n</section>\n'
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from pathlib import Path
 
@@ -11,8 +12,16 @@ from cloth_envs.extras import install
 from cloth_envs.files import check_file
 from cloth_envs.version import __version__
 from training.bench.benchmark import BENCHMARKS, find, saved
+from training.bench.participants import FLOOR, ORACLE, label
 from training.bench.report import page
-from training.bench.report.tables import shown
+from training.bench.speed_accuracy import rows as speed_accuracy
+from training.bench.speed_accuracy import speedup
+from training.bench.speed_accuracy.chart import OVERVIEW_FRAMES as FRAMES
+from training.bench.speed_accuracy.rows import GATE, SpeedAccuracyRow, front
+from training.bench.speed_accuracy.speedup import FITTED
+from training.bench.stability import rows as stability
+from training.bench.stability.rows import StabilityRow, marks
+from training.bench.stability.worlds import AXES
 
 
 def write(data: Path, images: Path, out: Path) -> str:
@@ -38,7 +47,8 @@ def write(data: Path, images: Path, out: Path) -> str:
         )
     head = page.paragraph(f"MiniCloth {__version__}: what `minicloth bench` measured. Each has its set-up beside it.")
     if missing:
-        head += page.fold(f"Missing: {len(missing)}", page.items(missing), opened=True)
+        lines = "".join(f"<li>{escape(line)}</li>" for line in missing)
+        head += page.fold(f"Missing: {len(missing)}", f"<ul>{lines}</ul>", opened=True)
     text = page.document("MiniCloth benchmarks", head, sections)
     out.write_text(text, encoding="utf-8")
     lacking = f"; {len(missing)} missing, listed in it" if missing else ""
@@ -59,12 +69,16 @@ def section(name: str, data: Path, images: Path) -> tuple[str, list[str]]:
             words = " ".join(f"{command} {part.options} --out {data}".split())
             missing.append(f"{name}, {part.title} ({', '.join(lacks)}): {words}")
         else:
-            html = shown(part, [rows[stem] for stem in part.files])
+            shorter, found = SHORTER.get(part.show), [rows[stem] for stem in part.files]
+            html = shorter(*found) if shorter else page.text(part.show(*found))
             body.append(f"<h3>{escape(part.title)}</h3>\n{html}")
     if not body:
         return "", missing
-    found = {_picture(stem, (images, data)): about for stem, about in (benchmark.charts or {}).items()}
-    pictures = [(about, page.picture(path, about)) for path, about in found.items() if path]
+    pictures = []
+    for stem, about in (benchmark.charts or {}).items():
+        paths = (folder / f"{stem}{kind}" for folder in (images, data) for kind in page.PICTURES)
+        if path := next((path for path in paths if path.is_file()), None):
+            pictures.append((about, page.picture(path, about)))
     if benchmark.charts and not pictures:
         missing.append(f"{name}, charts: {command} --out {data}")
     drawn = [page.fold(about, image, opened=not number) for number, (about, image) in enumerate(pictures)]
@@ -86,6 +100,59 @@ def setup(path: Path) -> str:
     return text + (page.fold("More of the set-up", page.pre(json.dumps(rest, indent=1))) if rest else "")
 
 
-def _picture(stem: str, folders: Sequence[Path]) -> Path | None:
-    paths = (folder / f"{stem}{kind}" for folder in folders for kind in page.PICTURES)
-    return next((path for path in paths if path.is_file()), None)
+def scenes(rows: Sequence[SpeedAccuracyRow]) -> str:
+    """A table a scene: who is how fast and how close after ``FRAMES`` frames, the fastest first."""
+    out = []
+    for scene in dict.fromkeys(r.scene for r in rows):
+        mine = [r for r in rows if (r.scene, r.frames) == (scene, FRAMES) and r.family not in (ORACLE, FLOOR)]
+        if not mine:
+            continue
+        mine.sort(key=lambda r: math.inf if math.isnan(r.ms_median) else r.ms_median)
+        best = front(mine)
+        full = next((r.ms_median for r in mine if (r.family, r.options) == ("explicit", "{}")), math.nan)
+        cells = []
+        for r in mine:
+            late = f"mean height off by {100 * r.gate:.0f} % of its way" if r.gate > GATE else ""
+            numbers = map(_short, (r.ms_median, full / r.ms_median, r.error))
+            cells.append((label(r.family, r.options) + " *" * (r in best), *numbers, r.failure or late))
+        about = (
+            f"{scene} after {FRAMES} frames; error in % of the cloth's length (chaos floor {_short(mine[0].floor)}), "
+            "times over explicit at full resolution; *: nothing that passes is both faster and closer"
+        )
+        heads = ("method", "ms a frame", "x faster", "error %", "failure")
+        out.append(page.fold(f"{scene}: {len(mine)} methods", page.table(about, heads, cells)))
+    return "\n".join(out)
+
+
+def survived(rows: Sequence[StabilityRow]) -> str:
+    """Which part of its runs a method survived, and passed, along each axis; rounded down."""
+    found = marks(rows)
+    axes = [axis for axis in AXES if any(key[0] == axis for key in found)]
+    cells = []
+    for backend in dict.fromkeys(key[1] for key in found):
+        line = [backend]
+        for axis in axes:
+            some = [m for key, m in found.items() if key[:2] == (axis, backend)]
+            runs = sum(m.runs for m in some)
+            parts = (100 * sum(part) // runs for part in zip(*((m.survived, m.passed) for m in some), strict=True))
+            line.append("{} ({})".format(*parts) if runs else "")
+        cells.append(line)
+    about = (
+        "Runs [%] of all levels, scenes and seeds of an axis that survived, in brackets those that passed; a run that "
+        "is only wrong survived"
+    )
+    return page.table(about, ["method", *axes], cells)
+
+
+def _short(value: float) -> str:
+    return f"{value:.3g}" if math.isfinite(value) else "-"
+
+
+# What a benchmark prints -> a shorter form of it.
+SHORTER: Mapping[Callable[..., str], Callable[..., str]] = {
+    speed_accuracy.table: scenes,
+    speedup.table: lambda found: page.pre(  # after ``FRAMES`` frames, methods that are no baseline themselves
+        speedup.table([f for f in found if f.frames == FRAMES and f.family not in FITTED])
+    ),
+    stability.table: lambda rows: survived(rows) + page.text(stability.table(rows)),
+}

@@ -1,4 +1,4 @@
-"""Small policies to train: ``tanh`` of a few weighted features of the default observation, one function a scene.
+"""Small policies, ``tanh`` of a few weighted features of the default observation, trained by evolution: CMA-ES.
 
 Features are about 1 in size and turn with the cloth where the scene does; zero weights are no action. ``weights`` are
 ``(B, n)``, a policy for every member of the batch.
@@ -6,80 +6,70 @@ Features are about 1 in size and turn with the cloth where the scene does; zero 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from cloth_envs.world import World
+from training.rollouts import play
 
-def _mix(weights: np.ndarray, *features: np.ndarray) -> np.ndarray:
-    """One component of the action, ``(B,)``."""
-    return np.tanh((weights * np.stack(features, 1)).sum(1))
+FIRST_SEED = 10_000  # of training; held-out seeds are below
 
 
-def _points(obs: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and velocities of the keypoints, ``(B, 3, count)``; an observation starts with them."""
-    both = obs[:, : 6 * count].reshape(len(obs), 2, 3, count)
+def _act(weights: np.ndarray, *components: Sequence[np.ndarray]) -> np.ndarray:
+    """Actions ``(B, A)``: of each component its features ``(B,)`` with the next of ``weights``."""
+    ends = np.cumsum([len(features) for features in components])[:-1]
+    parts = zip(np.split(weights, ends, 1), components, strict=True)
+    return np.stack([np.tanh((mine * np.stack(features, 1)).sum(1)) for mine, features in parts], 1)
+
+
+def _points(obs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities of the 20 keypoints, ``(B, 3, 20)``; an observation starts with them."""
+    both = obs[:, :120].reshape(len(obs), 2, 3, 20)
     return both[:, 0], both[:, 1]
 
 
 def curtain(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Along the rail by what is missing of the target, across it by where the lower curtain is and goes."""
-    positions, velocities = _points(obs, 20)
+    positions, velocities = _points(obs)
     rail, along, across, covered, target = obs[:, -5:].T
     sway, speed = positions[:, 1, 8:].mean(1) - rail, velocities[:, 1, 8:].mean(1)
-    return np.stack(
-        [
-            _mix(weights[:, :2], 3 * (target - covered), 2 * along),
-            _mix(weights[:, 2:], speed, 3 * sway, 3 * rail, across),
-        ],
-        1,
-    )
+    return _act(weights, [3 * (target - covered), 2 * along], [speed, 3 * sway, 3 * rail, across])
 
 
 def flag(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Across and along the line of sight, by the pole, the fly's end and the wind in these directions."""
-    positions, velocities = _points(obs, 20)
     pole, speed, wind, onlooker = np.split(obs[:, -8:], 4, 1)
     across = np.stack([-onlooker[:, 1], onlooker[:, 0]], 1)
-    end = positions.reshape(-1, 3, 4, 5)[:, :2, :, -1].mean(2) - pole
-    end_speed = velocities.reshape(-1, 3, 4, 5)[:, :2, :, -1].mean(2)
-    parts = [pole / 1.5, speed / 2.5, end / 1.5, end_speed / 2.5, wind / 4.0]
-    moves = [
-        _mix(w, *((part * line).sum(1) for part in parts))
-        for w, line in ((weights[:, :5], across), (weights[:, 5:], onlooker))
-    ]
-    return moves[0][:, None] * across + moves[1][:, None] * onlooker
+    end, end_speed = (points.reshape(-1, 3, 4, 5)[:, :2, :, -1].mean(2) for points in _points(obs))
+    parts = [pole / 1.5, speed / 2.5, (end - pole) / 1.5, end_speed / 2.5, wind / 4.0]
+    moves = _act(weights, *([(part * line).sum(1) for part in parts] for line in (across, onlooker)))
+    return moves[:, :1] * across + moves[:, 1:] * onlooker
 
 
 def collision(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """By the way to the goal, the ball's velocity and, forwards, by how far the cloth is pressed."""
-    positions, _ = _points(obs, 20)
     ball, speed, goal = np.split(obs[:, -9:], 3, 1)
-    away, pressed = 3 * (goal - ball), 3 * (positions[:, 1, 4:].max(1) - goal[:, 1])
-    return np.stack(
-        [
-            _mix(weights[:, :2], away[:, 0], speed[:, 0]),
-            _mix(weights[:, 2:6], away[:, 1], speed[:, 1], pressed, np.ones(len(obs))),
-            _mix(weights[:, 6:], away[:, 2], speed[:, 2]),
-        ],
-        1,
-    )
+    pressed = 3 * (_points(obs)[0][:, 1, 4:].max(1) - goal[:, 1])
+    x, y, z = zip((3 * (goal - ball)).T, speed.T, strict=True)
+    return _act(weights, x, [*y, pressed, np.ones(len(obs))], z)
 
 
 def pressure(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """By the target, its cube and rate, and the apex's velocity; its height would excite the drum."""
     _, velocity, _, target, soon = obs[:, -5:].T
     wanted = (target + soon) / 2 / 0.15
-    return _mix(weights, wanted, wanted**3, soon - target, 0.1 * velocity)[:, None]
+    return _act(weights, [wanted, wanted**3, soon - target, 0.1 * velocity])
 
 
 def hanging(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Level by the way from the corner to the goal, the lag and the velocity of the middle; upright by the height."""
     corner, velocity, middle, swing, goal = np.split(obs[:, -16:-1], 5, 1)
     parts = [2 * (goal - corner), 2 * (middle - corner), swing, velocity]
-    level = [_mix(weights[:, :4], *(part[:, axis] for part in parts)) for axis in (0, 1)]
-    return np.stack([*level, _mix(weights[:, 4:], 2 * (goal - middle)[:, 2], velocity[:, 2])], 1)
+    x, y = ([part[:, axis] for part in parts] for axis in (0, 1))
+    both = np.concatenate([weights[:, :4], weights], 1)  # x and y share theirs
+    return _act(both, x, y, [2 * (goal - middle)[:, 2], velocity[:, 2]])
 
 
 def ball_drop(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -88,7 +78,7 @@ def ball_drop(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     high = np.tanh((middle[:, 2] - 0.65) / 0.1)
     parts = [5 * (middle[:, :2] - ball), 3 * drift, speed]
     parts += [part * high[:, None] for part in parts[:2]]
-    return np.stack([_mix(weights, *(part[:, axis] for part in parts)) for axis in (0, 1)], 1)
+    return _act(np.tile(weights, 2), *([part[:, axis] for part in parts] for axis in (0, 1)))
 
 
 class Form(NamedTuple):
@@ -106,3 +96,60 @@ FORMS: Mapping[str, Form] = {
     "Hanging": Form(hanging, 6),
     "BallDrop": Form(ball_drop, 5),
 }
+
+
+def cma_es(
+    score: Callable[[np.ndarray, int], np.ndarray], size: int, *, population: int, generations: int, seed: int
+) -> np.ndarray:
+    """Maximise ``score(points (population, size), generation)``, values ``(population,)``, from around zero.
+
+    Covariance matrix adaptation with Hansen's default constants (2016, arXiv:1604.00772). Returns the distribution's
+    mean: under noise a better estimate than the best point seen.
+    """
+    n, best, rng = size, population // 2, np.random.default_rng(seed)
+    weights = np.log((population + 1) / 2) - np.log(np.arange(1, best + 1))
+    weights /= weights.sum()
+    mean, sigma, covariance = np.zeros(n), 1.0, np.eye(n)
+    path, step_path = np.zeros(n), np.zeros(n)
+    m = 1 / (weights**2).sum()
+    cc = (4 + m / n) / (n + 4 + 2 * m / n)
+    cs = (m + 2) / (n + m + 5)
+    c1 = 2 / ((n + 1.3) ** 2 + m)
+    cm = min(1 - c1, 2 * (m - 2 + 1 / m) / ((n + 2) ** 2 + m))
+    damp = 1 + 2 * max(0.0, np.sqrt((m - 1) / (n + 1)) - 1) + cs
+    length = np.sqrt(n) * (1 - 1 / (4 * n) + 1 / (21 * n**2))  # of a normal vector
+    for generation in range(generations):
+        values, axes = np.linalg.eigh(covariance)
+        scales = np.sqrt(np.maximum(values, 1e-20))
+        drawn = (rng.normal(size=(population, n)) * scales) @ axes.T
+        found = score(mean + sigma * drawn, generation)
+        steps = drawn[np.argsort(-found, kind="stable")[:best]]
+        step = weights @ steps
+        mean = mean + sigma * step
+        white = axes @ ((axes.T @ step) / scales)
+        step_path = (1 - cs) * step_path + np.sqrt(cs * (2 - cs) * m) * white
+        far = np.linalg.norm(step_path)
+        usual = np.sqrt(1 - (1 - cs) ** (2 * (generation + 1))) * (1.4 + 2 / (n + 1)) * length
+        moves = float(far < usual)  # stalled while the step size grows fast
+        path = (1 - cc) * path + moves * np.sqrt(cc * (2 - cc) * m) * step
+        kept = 1 - c1 - cm + (1 - moves) * c1 * cc * (2 - cc)
+        covariance = kept * covariance + c1 * np.outer(path, path) + cm * (steps.T * weights) @ steps
+        sigma *= np.exp(min(1.0, cs / damp * (far / length - 1)))
+    return mean
+
+
+def train(world: World, form: Form, *, frames: int, generations: int, population: int, seed: int) -> np.ndarray:
+    """Weights of a policy after ``generations`` of ``population`` candidates that share the members of ``world``.
+
+    All candidates of a generation play the same seeds, the next one plays others. Those and the candidates' noise
+    follow from ``seed``, whatever the physics.
+    """
+    episodes = world.num_envs // population
+
+    def score(points: np.ndarray, generation: int) -> np.ndarray:
+        each, first = np.repeat(points, episodes, 0), FIRST_SEED * (seed + 1) + generation * episodes
+        seeds = list(range(first, first + episodes)) * population
+        found, _ = play(world, lambda obs: form.act(obs, each), seeds, frames)
+        return found.reshape(population, episodes).mean(1)
+
+    return cma_es(score, form.size, population=population, generations=generations, seed=seed)

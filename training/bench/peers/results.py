@@ -1,15 +1,20 @@
-"""Rows of the peers benchmark: who is faster at equal error, and the table."""
+"""Rows of the peers benchmark: who is faster at equal error, the table, and the chart."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from cloth_envs.style import COLORS, INK, MARKERS, limits
+from training.bench.charts import SHADE, dress, grid, legend, save
 from training.bench.peers.scenes import TITLES
 
+STEM = "peers"
 OWN = "MiniCloth"
 TOLERANCE = 0.05  # of the truth's way, by which the mean height may lag or lead
 EQUAL = 1.05  # errors within 5 % count as equal: single precision rounds differently in each engine
@@ -61,6 +66,22 @@ class PeerRow:
 
 
 PEER_KEY = ("scene", "engine", "settings")
+BLUE, RED, GREEN, PINK, ORANGE, SKY = COLORS
+STYLES = {
+    "MiniCloth explicit": (BLUE, MARKERS[0]),
+    "MiniCloth admm": (SKY, MARKERS[1]),
+    "MiniCloth implicit": (GREEN, MARKERS[2]),
+    "Taichi explicit": (RED, MARKERS[3]),
+    "Taichi xpbd": (ORANGE, MARKERS[4]),
+    "MuJoCo elastic": (PINK, MARKERS[5]),
+    "MuJoCo membrane": (INK, MARKERS[0]),
+    "MuJoCo membrane, no friction": (INK, MARKERS[1]),
+    "MuJoCo edges": ("#7a858e", MARKERS[2]),
+}
+NOTE = (
+    "Errors against the nearer of our truth and the engine's own model at a fine step. Hollow: in 0.5 s the mean "
+    "height lags or leads by over 5 % of its way, or the run failed later. Grey: below the chaos floor."
+)
 
 
 def label(row: PeerRow) -> str:
@@ -109,3 +130,46 @@ def table(rows: Sequence[PeerRow]) -> str:
             for peer, _ in ((p, m) for p, m in found if m is None):
                 lines.append(f"none of ours is as near as {label(peer)}")
     return "\n".join(lines)
+
+
+def family(row: PeerRow) -> str:
+    """The curve that a row belongs to."""
+    options = json.loads(row.settings)
+    name = " ".join(filter(None, [row.engine, options.get("method", options.get("solver"))]))
+    return name + ", no friction" if options.get("passive") else name
+
+
+def panel(axes: Any, rows: Sequence[PeerRow]) -> dict[str, Any]:
+    """One scene; returns the legend's entries."""
+    shown = [r for r in rows if np.isfinite(r.error) and r.error > 0]
+    bottom, top = limits(min(r.error for r in shown), max(r.error for r in shown), 0.08)
+    left, right = limits(min(r.ms for r in shown), max(r.ms for r in shown), 0.08)
+    axes.set(xscale="log", yscale="log", xlim=(left, right), ylim=(bottom, top))
+    if rows[0].floor_early_mm > bottom:
+        axes.axhspan(bottom, rows[0].floor_early_mm, color=SHADE, alpha=0.4, lw=0, zorder=1)
+    handles = {}
+    for name in dict.fromkeys((*STYLES, *map(family, shown))):
+        some = sorted((r for r in shown if family(r) == name), key=lambda r: r.ms)
+        if some:
+            color, marker = STYLES.get(name, (INK, "X"))
+            look: dict[str, Any] = {"color": color, "marker": marker, "ms": 5.5, "mew": 0.9}
+            (handles[name],) = axes.plot([r.ms for r in some], [r.error for r in some], lw=1.2, mec="white", **look)
+            bad = [r for r in some if not r.passed]
+            axes.plot([r.ms for r in bad], [r.error for r in bad], ls="", mfc="white", **look)
+    dress(axes, TITLES[rows[0].scene])
+    return handles
+
+
+def draw(rows: Mapping[str, Sequence[PeerRow]], folder: Path, setup: str) -> None:
+    """Error against time a frame, a panel a scene."""
+    scenes = list(dict.fromkeys(r.scene for r in rows.get(STEM, ())))
+    if not scenes:
+        return
+    figure, panels = grid(len(scenes), "mean vertex error after 0.2 s [mm]")
+    handles: dict[str, Any] = {}
+    for axes, scene in zip(panels, scenes, strict=False):
+        handles |= panel(axes, [r for r in rows[STEM] if r.scene == scene])
+    place = (panels[-1], "center left", 1) if len(panels) > len(scenes) else (figure, "outside upper center", 4)
+    legend(place[0], handles, tuple(STYLES), *place[1:])
+    figure.supxlabel("processor time for a frame, one thread [ms]", fontsize=8.5, color=INK)
+    save(figure, f"{setup}. {NOTE}", folder, STEM)

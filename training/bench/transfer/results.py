@@ -1,15 +1,32 @@
-"""Rows of the transfer benchmark: trainings, episodes, and both put together with their intervals."""
+"""What the transfer benchmark has measured: trainings, episodes, both put together with intervals; table and chart."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.stats import t as student
 
+from cloth_envs.style import COLORS, INK, limits, spread
+from training.bench.charts import SOFT, dress, grid, legend, save
+
+STEM = "transfer"
 REFERENCE, ZERO, RANDOM = "reference", "zero action", "random action"
+# Okabe & Ito (2008), as the other charts have them.
+KNOWN = {REFERENCE: "#0072B2", "similar": "#E69F00", "calibrated": "#D55E00", "closure": "#000000"}
+KNOWN["closure local"] = "#CC79A7"
+MARKERS = {"": "o", "2": "s", "4": "^", "4 longer": "*"}
+FLOORS = {ZERO: (0, (4, 2)), RANDOM: (0, (1, 2))}
+APART = 0.03  # of the axis: where times are nearly equal, points are moved this far apart
+TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)  # s
+NOTE = (
+    "The same policy and seeds for all, {0} episodes ({1}: longer). Filled: reward on the reference, bars 95 % over "
+    "seeds and trainings. Hollow: on the backend that it was trained on. Upper left is better. Points of nearly "
+    "equal time are moved apart."
+)
 
 
 @dataclass(frozen=True)
@@ -109,17 +126,13 @@ def summaries(trainings: Sequence[TrainingRow], episodes: Sequence[EpisodeRow]) 
         gap = (there.mean() - best.mean()) / scale, gap_half if policy != REFERENCE else 0.0
         mine = [t for t in trainings if (t.scene, t.policy) == (scene, policy)]
         times = [np.median([getattr(t, name) for t in mine]) if mine else 0.0 for name in ("wall_s", "processor_s")]
-        values = [*times, *_mean(there), *_mean(own), *_mean(own - there), *gap]
-        numbers: dict[str, Any] = {n: float(f"{v:.4g}") for n, v in zip(NUMBERS, values, strict=True)}
+        means = [x for r in (there, own, own - there) for x in (r.mean(), half_width(r.mean(0), r.mean(1)))]
+        values = zip(NUMBERS, (*times, *means, *gap), strict=True)
+        numbers: dict[str, Any] = {name: float(f"{value:.4g}") for name, value in values}
         failed = sum(e.failed for e in episodes if (e.scene, e.policy, e.scored_on) == (scene, policy, REFERENCE))
         count = mine[0].episodes if mine else 0
         out.append(TransferRow(scene, policy, len(mine), count, seeds=there.shape[1], failed=failed, **numbers))
     return out
-
-
-def _mean(rewards: np.ndarray) -> tuple[float, float]:
-    """Of ``(R, S)``, and the half width of its interval."""
-    return float(rewards.mean()), half_width(rewards.mean(0), rewards.mean(1))
 
 
 def table(rows: Sequence[TransferRow]) -> str:
@@ -139,3 +152,51 @@ def table(rows: Sequence[TransferRow]) -> str:
             bad = f"  {r.failed} failed" if r.failed else ""
             lines.append(f"{r.policy:26s}{trained}{there:>18s}{own:>16s}{flattery:>18s}{gap:>16s}{bad}")
     return "\n".join(lines)
+
+
+def panel(axes: Any, rows: Sequence[TransferRow], colors: Mapping[str, str]) -> dict[str, Any]:
+    """One scene; returns the legend's entries."""
+    handles: dict[str, Any] = {}
+    axes.set_xscale("log")
+    trained = [r for r in rows if r.trainings]
+    times = np.array([r.processor_s for r in trained])
+    left, right = np.log10(limits(times.min(), times.max(), 0.08))
+    places = 10 ** spread(np.log10(times), APART * (right - left))
+    for x, r in zip(places, trained, strict=True):
+        name, _, rest = r.policy.partition(" x")
+        color, marker = colors[name], MARKERS.get(rest, "X")
+        size = 9 if marker == "*" else 6
+        if r.policy != REFERENCE:
+            axes.plot([x] * 2, [r.reference, r.own], color=color, lw=0.8, alpha=0.5, zorder=2)
+            axes.plot(x, r.own, marker, ms=0.75 * size, mfc="white", mec=color, mew=1.0, zorder=5)
+        handles[r.policy] = axes.errorbar(
+            x, r.reference, yerr=r.reference_half, fmt=marker, color=color, ms=size, mec="white", mew=0.7,
+            elinewidth=1.1, capsize=2.5, zorder=4,
+        )  # fmt: skip
+    for r in (r for r in rows if r.policy in FLOORS):
+        handles[r.policy] = axes.axhline(r.reference, color=SOFT, ls=FLOORS[r.policy], lw=1.0, zorder=1)
+    axes.set(xlim=(10**left, 10**right), ylim=(0, 1.08 * max(max(r.reference + r.reference_half, r.own) for r in rows)))
+    axes.set_xticks([tick for tick in TICKS if 10**left <= tick <= 10**right])
+    dress(axes, rows[0].scene)
+    return handles
+
+
+def draw(rows: Mapping[str, Sequence[TransferRow]], folder: Path, setup: str) -> None:
+    """A panel a scene: reward on the reference against training time."""
+    mine = rows.get(STEM, ())
+    names = list(dict.fromkeys(r.scene for r in mine))
+    if not names:
+        return
+    figure, panels = grid(len(names), "mean reward per frame")
+    others = dict.fromkeys(r.policy.partition(" x")[0] for r in mine if r.trainings)  # some that --backend named
+    colors = {name: COLORS[i % len(COLORS)] for i, name in enumerate(others)} | KNOWN
+    handles: dict[str, Any] = {}
+    for axes, name in zip(panels, names, strict=False):
+        handles |= panel(axes, [r for r in mine if r.scene == name], colors)
+    if len(panels) > len(names):
+        legend(panels[-1], handles, (), "center left", 1)
+    else:
+        legend(figure, handles, (), "outside upper center", 4)
+    figure.supxlabel("processor time of a training, one thread [s]", fontsize=8.5, color=INK)
+    episodes = [r.episodes for r in mine if r.trainings]
+    save(figure, f"{setup}. {NOTE.format(min(episodes), max(episodes))}", folder, STEM)
