@@ -16,11 +16,9 @@ from cloth_envs.registry import SCENES, make_backend
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
-from surrogates.cell.air import air_forces
-from surrogates.cell.bodies import contact
-from surrogates.cell.numbers import CLASSES
+from surrogates.cell.compiled import CLASSES
+from surrogates.cell.frame import air_forces, contact, frame
 from surrogates.cell.sheet import SheetCell, Sheets
-from surrogates.cell.step import Moves, frame
 
 EPS = np.finfo(float).eps
 SCENE = Scene("sheet", Grid(6, 8, 0.5, 0.8), Material(), 0.004, (0, 7), wind=Wind(), pressure=True)
@@ -129,11 +127,11 @@ def test_a_frame_has_the_slope_that_differences_have() -> None:
     controls = Controls.hold(state, scene.handles)
     controls.wind[:, 0], controls.pressure[:] = 3.0, 5.0
     x, v = tensors(state)
-    sheets, moves = Sheets.of(scene, LINEAR, x), Moves.of(state, controls, x)  # without jumps of the slope
+    sheets = Sheets.of(scene, LINEAR, x)  # without jumps of the slope
     cell = SheetCell(scene, dtype=torch.float64)
 
     def loss() -> torch.Tensor:
-        after, _ = frame(cell, scene, sheets, x, v, moves, 20)
+        after, _ = frame(cell, scene, sheets, x, v, state, controls, 20)
         return ((after - x) ** 2).sum()
 
     loss().backward()
