@@ -11,11 +11,12 @@ from _minicloth_kernels import Correct
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
+from cloth_envs.naming import unknown_name
 from cloth_envs.physics.solver import reference
 from cloth_envs.resample import resample
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from surrogates.miniature.closure import choose_factors, miniature_material
+from surrogates.miniature.closure import SCALINGS, load_factors, miniature_material
 from surrogates.miniature.correction import Correction
 from surrogates.miniature.handles import Handles
 
@@ -73,7 +74,13 @@ class CoarsePhysics:
         options: Mapping[str, Any] | None = None,
     ) -> None:
         self.fine, self.factor, self.scaling = fine, factor, scaling
-        self._factors = choose_factors(fine.name, factor, scaling, factors)
+        if scaling not in SCALINGS:
+            raise unknown_name("scaling", scaling, SCALINGS)
+        if scaling in ("similar", "seed"):
+            if factors is not None:
+                raise ValueError(f'factors need scaling="calibrated" or "closure", got scaling={scaling!r}')
+            factors = {}
+        self._factors = load_factors(fine.name, factor, scaling) if factors is None else factors
         self.scene, self.handles = coarse_scene(fine, factor, self.material(fine.material))
         self.solver = reference(self.scene, num_envs=num_envs, solver=solver, **(options or {}))
         self.frames = 1
