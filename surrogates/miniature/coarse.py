@@ -46,8 +46,7 @@ class CoarsePhysics:
     thickness need no scaling; ``closure.miniature_material`` says why that is the same.
 
     Args:
-        fine: the scene at full resolution.
-        num_envs: members of the batch.
+        fine: the scene at full resolution. num_envs: members of the batch.
         factor: how many times fewer cells along each side, above 1.
         scaling, factors: of the sheet's material, see ``closure``.
         solver, options: of the coarse cloth, as for ``backend="reference"``.
@@ -133,17 +132,12 @@ class CoarsePhysics:
             self._offsets[list(which)] = offsets
             for i, material in zip(which, chosen, strict=True):
                 self._materials[i] = material
-        self._begin_history(which)
-
-    def _begin_history(self, which: Sequence[int] | None) -> None:
-        """The past of cloths that have none: where they came from at their present velocity."""
+        # The past of cloths that have none is where they came from at their present velocity.
         members, now, past = slice(None) if which is None else list(which), self.state, []
+        x, v = now.positions[members], now.velocities[members]
         for back in range(self.frames - 1, 0, -1):
             then = (now if which is None else self.history[-1 - back]).copy()
-            then.positions[members] = now.positions[members] - now.velocities[members] * np.float32(
-                back * self.scene.frame_dt
-            )
-            then.velocities[members] = now.velocities[members]
+            then.positions[members], then.velocities[members] = x - v * np.float32(back * self.scene.frame_dt), v
             past.append(then)
         self.history = [*past, now]
 
