@@ -12,11 +12,10 @@ On sheets the numbers are 1 to 1e-12 and frames are those of ``"reference"`` to 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from cloth_envs.naming import unknown_name
-from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.particles.solver import ParticleSolver
 from cloth_envs.scene import Scene
 from surrogates.cell.compiled import SHEET, CellNet, CellSheet, dimensional
@@ -39,7 +38,7 @@ def cnn(
     engine: str = "compiled",
     device: str = "cpu",
     forces: Sequence[Force] = (),
-) -> ParticleSolver | ExplicitSolver:
+) -> ParticleSolver | CellSheet:
     """The physics-embedded cell of Zhao 2024, fitted, in place of the solver's inner forces.
 
     Args:
@@ -56,8 +55,8 @@ def cnn(
     if engine not in ENGINES:
         raise unknown_name("engine", engine, ENGINES)
     options: dict[str, Any] = {"num_envs": num_envs, "threads": threads, "dtype": dtype}
-    net: type[ParticleSolver] = CellNet
-    sheet: type[ExplicitSolver] = CellSheet
+    net: Callable[..., ParticleSolver] = CellNet
+    sheet: type[CellSheet] = CellSheet
     if engine == "torch":
         from surrogates.cell.engine import TorchNet, TorchSheet
 

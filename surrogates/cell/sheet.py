@@ -85,8 +85,9 @@ class SheetCell(nn.Module):
         self.shape, self.gravity, self.edges = grid.shape, scene.gravity, list(edges(grid))
         start = np.array([name not in ("bias_x", "bias_y") for name in CLASSES], float) if numbers is None else numbers
         self.numbers = nn.Parameter(torch.as_tensor(start, dtype=dtype))
-        for k, (part, places) in enumerate(zip((*self.edges, *triples(grid)), (*ENDS, *BENDS), strict=True)):
-            share = torch.as_tensor(part.weight.reshape(np.subtract(grid.shape, np.max(places, 0))), dtype=dtype)
+        weights = [part.weight for parts in (self.edges, triples(grid)) for part in parts]
+        for k, (weight, places) in enumerate(zip(weights, (*ENDS, *BENDS), strict=True)):
+            share = torch.as_tensor(weight.reshape(np.subtract(grid.shape, np.max(places, 0))), dtype=dtype)
             self.register_buffer(f"share{k}", share, persistent=False)
         self.register_buffer("areas", torch.as_tensor(grid.areas, dtype=dtype), persistent=False)
 

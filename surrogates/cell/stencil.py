@@ -61,7 +61,8 @@ class StencilCell(nn.Module):
             self.register_parameter(name, nn.Parameter(torch.zeros(3 if name == "bias" else count, dtype=dtype)))
         kernels = torch.zeros(len(NEIGHBOURS), 1, 3, 3, dtype=dtype)
         for kernel, away in zip(kernels, NEIGHBOURS, strict=True):
-            kernel[(0, *(1 + away // abs(away).max()))], kernel[0, 1, 1] = 1.0, -1.0
+            row, col = 1 + away // abs(away).max()
+            kernel[0, row, col], kernel[0, 1, 1] = 1.0, -1.0
         self.register_buffer("near", kernels[:NEAR], persistent=False)
         self.register_buffer("far", kernels[NEAR:], persistent=False)
         self.register_buffer("lengths", None if lengths is None else lengths.to(dtype))
