@@ -17,7 +17,7 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from surrogates.cell.compiled import SHARED, SHEET, CellSheet
 from surrogates.cell.frame import frame
-from surrogates.cell.sheet import Force, SheetCell, Sheets
+from surrogates.cell.sheet import Force, SheetCell, properties
 from surrogates.cell.stencil import StencilCell
 
 
@@ -124,6 +124,6 @@ class TorchSheet(CellSheet):
                 part = Controls(**{name: value[which] for name, value in vars(controls).items()})
                 start = old.select(which)
                 x, v = (torch.as_tensor(a).to(like) for a in (start.positions, start.velocities))
-                sheets = Sheets.of(self.scene, [self._materials[i] for i in which], like)
+                sheets = properties(self.scene, [self._materials[i] for i in which], like)
                 x, v = frame(self.cell, self.scene, sheets, x, v, start, part, int(count), self._forces)
                 new.positions[which], new.velocities[which] = x.cpu().numpy(), v.cpu().numpy()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
@@ -11,7 +11,7 @@ from torch import Tensor
 from cloth_envs.physics.laws.drives import hermite
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import Controls, State
-from surrogates.cell.sheet import TINY, Force, SheetCell, Sheets, cut, place
+from surrogates.cell.sheet import TINY, Force, SheetCell, cut, place
 
 
 def air_forces(scene: Scene, x: Tensor, v: Tensor, wind: Tensor, pressure: Tensor) -> Tensor:
@@ -84,7 +84,7 @@ def contact(
 
 
 def frame(
-    cell: SheetCell, scene: Scene, sheets: Sheets, x: Tensor, v: Tensor, start: State, controls: Controls,
+    cell: SheetCell, scene: Scene, sheets: Mapping[str, Tensor], x: Tensor, v: Tensor, start: State, controls: Controls,
     substeps: int, forces: Sequence[Force] = (),
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
     """``x`` and ``v`` after a frame of ``substeps`` symplectic Euler steps, as ``laws.step``.
@@ -97,8 +97,8 @@ def frame(
 
     dt, held, shape = scene.frame_dt, list(scene.handles), x.shape
     h = dt / substeps
-    decay = torch.exp(-sheets.drag * h)
-    lag = torch.where(sheets.drag > 0, -torch.expm1(-sheets.drag * h) / sheets.drag.clamp_min(TINY), h)
+    decay = torch.exp(-sheets["drag"] * h)
+    lag = torch.where(sheets["drag"] > 0, -torch.expm1(-sheets["drag"] * h) / sheets["drag"].clamp_min(TINY), h)
     wind, pressure, index = tensor(controls.wind), tensor(controls.pressure), torch.tensor(held, device=x.device)
     ends = [tensor(a.transpose(0, 2, 1)) for a in (controls.handle_positions, controls.handle_velocities)]
     handles = [*(a.flatten(2)[..., held] for a in (x, v)), *ends]

@@ -6,8 +6,7 @@ edge is evaluated once and acts on both ends, so momentum is kept exactly whatev
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import torch
@@ -37,25 +36,11 @@ def cut(field: Tensor, at: tuple[int, int], size: Sequence[int]) -> Tensor:
     return field[..., at[0] : at[0] + size[0], at[1] : at[1] + size[1]]
 
 
-class Sheets(NamedTuple):
-    """The materials of a batch, each ``(B, 1, 1, 1)``; ``drag`` is 0 where a scene has none."""
-
-    areal_density: Tensor
-    stretch_stiffness: Tensor
-    shear_stiffness: Tensor
-    bend_stiffness: Tensor
-    damping: Tensor
-    drag: Tensor
-    compression: Tensor
-    buckling_strain: Tensor
-    post_buckling: Tensor
-    compression_damping: Tensor
-
-    @classmethod
-    def of(cls, scene: Scene, materials: Sequence[Material], like: Tensor) -> Sheets:
-        """``materials`` in the type and on the device of ``like``."""
-        rows = [[getattr(m, name) * (scene.drag if name == "drag" else 1) for name in cls._fields] for m in materials]
-        return cls(*torch.as_tensor(np.array(rows).T, dtype=like.dtype, device=like.device)[..., None, None, None])
+def properties(scene: Scene, materials: Sequence[Material], like: Tensor) -> dict[str, Tensor]:
+    """Each of the ``materials``' properties, ``(B, 1, 1, 1)``, of the type and device of ``like``; drag as it acts."""
+    rows = [m.as_dict() | {"drag": m.drag * scene.drag} for m in materials]
+    columns = {name: np.array([row[name] for row in rows])[:, None, None, None] for name in rows[0]}
+    return {name: torch.as_tensor(a, dtype=like.dtype, device=like.device) for name, a in columns.items()}
 
 
 class SheetCell(nn.Module):
@@ -64,7 +49,7 @@ class SheetCell(nn.Module):
     On an edge ``f = k alpha d - k L beta n + c k gamma (w . n) n``, with ``n = d / |d|``; all numbers are 1 (the
     sideways biases 0) on the reference. Where the material yields, a shortened edge has less of the first two and more
     of the last (``laws.sheet.spring_forces``): with the factors of ``scaling="closure"`` it is the cell of a coarse
-    sheet. Materials come with the call, so weights belong to none.
+    sheet. Materials (``properties``) come with the call, so weights belong to none.
 
     Args:
         scene: for its grid and gravity.
@@ -91,7 +76,7 @@ class SheetCell(nn.Module):
             self.register_buffer(f"share{k}", share, persistent=False)
         self.register_buffer("areas", torch.as_tensor(grid.areas, dtype=dtype), persistent=False)
 
-    def forward(self, x: Tensor, v: Tensor, sheets: Sheets) -> Tensor:
+    def forward(self, x: Tensor, v: Tensor, sheets: Mapping[str, Tensor]) -> Tensor:
         """Forces ``(B, 3, H, W)`` [N]."""
         total = torch.zeros_like(x)
         for k, (edge, (first, second)) in enumerate(zip(self.edges, ENDS, strict=True)):
@@ -101,21 +86,21 @@ class SheetCell(nn.Module):
             ratio = edge.rest * beta * inverse
             strain = alpha - ratio
             short = strain.clamp_max(0)
-            before = torch.maximum(short, -sheets.buckling_strain * ratio)
-            pull = strain.clamp_min(0) + sheets.compression * (before + sheets.post_buckling * (short - before))
-            damping = sheets.damping * gamma * torch.where(strain < 0, sheets.compression_damping, 1)
+            before = torch.maximum(short, -sheets["buckling_strain"] * ratio)
+            pull = strain.clamp_min(0) + sheets["compression"] * (before + sheets["post_buckling"] * (short - before))
+            damping = sheets["damping"] * gamma * torch.where(strain < 0, sheets["compression_damping"], 1)
             rate = damping * (w * d).sum(1, keepdim=True) * inverse * inverse
-            force = getattr(sheets, edge.modulus) * share * (pull + rate) * d
+            force = sheets[edge.modulus] * share * (pull + rate) * d
             total = total + place(force, first, self.shape) - place(force, second, self.shape)
         for k, places in enumerate(BENDS, len(ENDS)):
             share = getattr(self, f"share{k}")
             before, middle, after = (cut(x, at, share.shape) for at in places)
-            force = self.numbers[8 + k] * sheets.bend_stiffness * share * (before - 2 * middle + after)
+            force = self.numbers[8 + k] * sheets["bend_stiffness"] * share * (before - 2 * middle + after)
             for at, times in zip(places, (1, -2, 1), strict=True):
                 total = total - times * place(force, at, self.shape)
         signs = self.numbers.new_tensor([1.0, 1.0, -1.0])
         return total + self.gravity * self.mass(sheets) * (signs * self.numbers[14:])[:, None, None]
 
-    def mass(self, sheets: Sheets) -> Tensor:
+    def mass(self, sheets: Mapping[str, Tensor]) -> Tensor:
         """Lumped masses ``(B, 1, H, W)`` [kg]."""
-        return sheets.areal_density * self.areas
+        return sheets["areal_density"] * self.areas

@@ -66,7 +66,7 @@ class Upscaled:
         self.contact, self.guarded = Projection(self.scene), np.zeros(0, bool)
         self._guard, self._held = guard, np.array(self.scene.handles, np.int32)
         self._state: State | None = None
-        self._remembers = isinstance(upscaling, RememberingUpscaler)
+        self._remembering = upscaling if isinstance(upscaling, RememberingUpscaler) else None
         coarse.frames = upscaling.frames
 
     @property
@@ -79,14 +79,14 @@ class Upscaled:
     @property
     def memory(self) -> dict[str, np.ndarray]:
         """The coarse cloth, with its past frames, and what the upscaler remembers."""
-        own = self.upscaling.memory if isinstance(self.upscaling, RememberingUpscaler) else {}
+        own = self._remembering.memory if self._remembering else {}
         return self.coarse.memory | {OWN + name: value for name, value in own.items()}
 
     def recall(self, memory: Mapping[str, np.ndarray]) -> None:
         """Take back, after a ``reset`` of the whole batch, what ``memory`` held."""
         self.coarse.recall(memory)
-        if isinstance(self.upscaling, RememberingUpscaler):
-            self.upscaling.recall({n[len(OWN) :]: value for n, value in memory.items() if n.startswith(OWN)})
+        if self._remembering:
+            self._remembering.recall({n[len(OWN) :]: value for n, value in memory.items() if n.startswith(OWN)})
 
     def reset(
         self, state: State, materials: Sequence[Material] | None = None, which: Sequence[int] | None = None
@@ -96,8 +96,8 @@ class Upscaled:
         members = range(state.batch) if which is None else which
         self.coarse.reset(state, chosen, which)
         self.upscaling.set_materials(members, chosen)
-        if isinstance(self.upscaling, RememberingUpscaler):
-            self.upscaling.reset(members, self.coarse.history)
+        if self._remembering:
+            self._remembering.reset(members, self.coarse.history)
         if which is None:
             self._state, self.guarded = state.astype(np.float32), np.zeros(state.batch, bool)
         else:
@@ -125,7 +125,7 @@ class Upscaled:
             return fine
 
         self._state = LazyState(coarse, positions, velocities)
-        if self._remembers:
+        if self._remembering:
             self._state.arrays()
         return self._state
 

@@ -87,7 +87,7 @@ def triangles(rows: int, cols: int) -> Layout:
     The second triangle of a cell is the first one turned by half a turn; both have their right angle second.
     """
     wide = 2 * cols - 1
-    at = np.stack(np.divmod(np.arange((rows - 1) * (cols - 1)), cols - 1), 1)[:, None]  # (cells, 1, 2)
+    at = np.indices((rows - 1, cols - 1)).reshape(2, -1).T[:, None]  # (cells, 1, 2)
     first = np.array([[0, 0], [0, 1], [1, 1]])
     both = np.concatenate([at + first, at + 1 - first])  # (2 cells, 3, 2)
     mid = both + np.roll(both, -1, 1)  # rows and columns of the fine grid
