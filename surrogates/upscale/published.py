@@ -50,7 +50,7 @@ def find(kind: str, scene: Scene, factor: int) -> Checkpoint:
     """The shipped weights of ``kind`` for a scene; coordinates are absolute, so it must be the one they learnt.
 
     Raises:
-        ValueError: there are none, or they are of another grid, other handles or another law of wind.
+        ValueError: there are none, or they are of another grid, other handles or other springs.
     """
     name = f"{kind}_{scene.name.lower()}_{factor}"
     if not (WEIGHTS / f"{name}.safetensors").is_file():
