@@ -16,9 +16,8 @@ from cloth_envs.resample import Resampler
 from cloth_envs.state import State
 from surrogates.checkpoint import Checkpoint
 from surrogates.miniature.coarse import coarse_scene
-from surrogates.upscale.mlp import Mlp
 from surrogates.upscale.patches import FEATURES, combine, squares, triangles, windows
-from surrogates.upscale.published import FullyConnected, HierarchicalDnn
+from surrogates.upscale.published import FullyConnected, HierarchicalDnn, Mlp
 
 EPS = float(np.finfo(np.float32).eps)
 

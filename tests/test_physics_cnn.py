@@ -21,9 +21,8 @@ from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 from surrogates import checkpoint
-from surrogates.cell.compiled import CellNet, CellSheet, dimensional, dimensionless
+from surrogates.cell.compiled import CLASSES, CellNet, CellSheet, dimensional, dimensionless
 from surrogates.cell.engine import TorchNet
-from surrogates.cell.numbers import CLASSES
 from training.bench.papers import cell as cnn
 from training.bench.papers.cell import CELL_KEY, CellRow
 from training.bench.papers.large_step import growth

@@ -16,11 +16,9 @@ from cloth_envs.registry import SCENES, make_backend
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
-from surrogates.cell.air import air_forces
-from surrogates.cell.bodies import contact
-from surrogates.cell.numbers import CLASSES
-from surrogates.cell.sheet import SheetCell, Sheets
-from surrogates.cell.step import Moves, frame
+from surrogates.cell.compiled import CLASSES
+from surrogates.cell.frame import air_forces, contact, frame
+from surrogates.cell.sheet import SheetCell, properties
 
 EPS = np.finfo(float).eps
 SCENE = Scene("sheet", Grid(6, 8, 0.5, 0.8), Material(), 0.004, (0, 7), wind=Wind(), pressure=True)
@@ -47,7 +45,7 @@ def test_forces_are_the_references() -> None:
     state = waved(SCENE)
     x, v = tensors(state)
     cell = SheetCell(SCENE, dtype=torch.float64)
-    got = cell(x, v, Sheets.of(SCENE, MATERIALS, x)).detach().numpy()
+    got = cell(x, v, properties(SCENE, MATERIALS, x)).detach().numpy()
     bare = replace(SCENE, wind=None, pressure=False)
     want = laws.total_forces(bare, MATERIALS, state, np.zeros((2, 3)), np.zeros(2))
     assert abs(got - want).max() < 64 * EPS * abs(want).max()
@@ -114,7 +112,7 @@ def test_momentum_is_kept_whatever_was_learned() -> None:
     numbers = rng.uniform(0.5, 1.5, len(CLASSES))
     numbers[-3:] = 0.0
     x, v = tensors(waved(SCENE))
-    force = SheetCell(SCENE, numbers, dtype=torch.float64)(x, v, Sheets.of(SCENE, MATERIALS, x)).detach()
+    force = SheetCell(SCENE, numbers, dtype=torch.float64)(x, v, properties(SCENE, MATERIALS, x)).detach()
     largest = float(force.abs().max())
     assert float(force.sum((2, 3)).abs().max()) < 48 * 12 * EPS * largest
     moment = torch.linalg.cross(x, force, dim=1).sum((2, 3)).abs().max()
@@ -129,11 +127,11 @@ def test_a_frame_has_the_slope_that_differences_have() -> None:
     controls = Controls.hold(state, scene.handles)
     controls.wind[:, 0], controls.pressure[:] = 3.0, 5.0
     x, v = tensors(state)
-    sheets, moves = Sheets.of(scene, LINEAR, x), Moves.of(state, controls, x)  # without jumps of the slope
+    sheets = properties(scene, LINEAR, x)  # without jumps of the slope
     cell = SheetCell(scene, dtype=torch.float64)
 
     def loss() -> torch.Tensor:
-        after, _ = frame(cell, scene, sheets, x, v, moves, 20)
+        after, _ = frame(cell, scene, sheets, x, v, state, controls, 20)
         return ((after - x) ** 2).sum()
 
     loss().backward()

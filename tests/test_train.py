@@ -13,7 +13,7 @@ import torch
 
 from cloth_envs.commands.cli import main as minicloth
 from surrogates import checkpoint
-from surrogates.upscale.mlp import Mlp
+from surrogates.upscale.published import Mlp
 from training.fit import Kept
 from training.generate import Plan, generate
 from training.recipes.upscaler import RECIPES, SCENES, SHAPES, Recipe, weights_name

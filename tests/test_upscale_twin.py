@@ -15,9 +15,10 @@ from cloth_envs.resample import Resampler
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import State
 from surrogates.miniature.coarse import coarse_grid
-from surrogates.miniature.contact import REACH, Projection
+from surrogates.miniature.upscaled import REACH, Projection
 from surrogates.upscale.local import Local
-from surrogates.upscale.local_features import answer, features, merged, spacing
+from surrogates.upscale.local_features import NODES, answer, features, spacing
+from surrogates.upscale.patches import squares
 
 EPS = float(np.finfo(np.float32).eps)
 BATCH = 2
@@ -60,7 +61,8 @@ def test_the_residual_is_that_of_the_twin(shape: tuple[int, int], hidden: tuple[
     # Positions, up to 2 m, are rounded in the differences that the net reads; it and the turning of axes amplify that
     # by at most the product of the layers' largest sums of weights. A few such roundings add up.
     gain = np.prod([np.abs(arrays[f"weight{k}"]).sum(1).max() for k in range(len(biases))])
-    np.testing.assert_allclose(found, merged(answer(numbers, turn, unit), coarse.grid), atol=4 * EPS * gain)
+    twin = squares(*shape, 2).merge(answer(numbers, turn, unit).reshape(-1, 3 * NODES)).reshape(found.shape)
+    np.testing.assert_allclose(found, twin, atol=4 * EPS * gain)
     assert np.abs(found).max() > 0.05 * unit
 
 

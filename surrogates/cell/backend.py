@@ -3,31 +3,26 @@
 Learned are dimensionless numbers that multiply what the scene's material says (1 where the cell has found the law),
 so weights belong to no one stiffness and mass. On a net of particles they are alpha, beta and gamma of every
 neighbour and the weight's direction and size (39 numbers); on a sheet what stretch, shear, bending, damping and
-gravity are of the material's (5 numbers, identified class of edges by class of edges).
+gravity are of the material's (5 numbers, identified class of edges by class of edges). Air drag, wind, pressure,
+bodies with friction, handles, the step and geometry are plugged in, as in the paper's fig. 2.
 
-Plugged in, as in the paper's fig. 2: air drag, wind, pressure, bodies with friction, handles, the step, and geometry
-(which neighbours exist; on sheets also how wide a strip an edge stands for, and the masses).
-
-The cell contains the reference's own law, and least squares finds it: on sheets the numbers are 1 to 1e-12 and frames
-are those of ``"reference"`` to the bit, at its speed. At the same grid and step there is nothing to gain; see
-``training/bench/papers/large_step.py`` for why several cells cannot take a larger one.
+On sheets the numbers are 1 to 1e-12 and frames are those of ``"reference"`` to the bit, at its speed; see
+``training/bench/papers/large_step.py`` for why several cells cannot take a larger step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from cloth_envs.naming import unknown_name
-from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.particles.solver import ParticleSolver
 from cloth_envs.scene import Scene
-from surrogates.cell.compiled import CellNet, CellSheet, dimensional
-from surrogates.cell.numbers import SHEET
+from surrogates.cell.compiled import SHEET, CellNet, CellSheet, dimensional
 from surrogates.checkpoint import load
 
 if TYPE_CHECKING:
-    from surrogates.cell.planes import Force
+    from surrogates.cell.sheet import Force
 
 ENGINES = ("compiled", "torch")
 PARTICLES = "cnn_particles"  # the default weights of nets; those of a sheet are cnn_<scene>
@@ -43,7 +38,7 @@ def cnn(
     engine: str = "compiled",
     device: str = "cpu",
     forces: Sequence[Force] = (),
-) -> ParticleSolver | ExplicitSolver:
+) -> ParticleSolver | CellSheet:
     """The physics-embedded cell of Zhao 2024, fitted, in place of the solver's inner forces.
 
     Args:
@@ -59,22 +54,20 @@ def cnn(
     """
     if engine not in ENGINES:
         raise unknown_name("engine", engine, ENGINES)
-    common: dict[str, Any] = {"num_envs": num_envs, "threads": threads, "dtype": dtype}
+    options: dict[str, Any] = {"num_envs": num_envs, "threads": threads, "dtype": dtype}
+    net: Callable[..., ParticleSolver] = CellNet
+    sheet: type[CellSheet] = CellSheet
+    if engine == "torch":
+        from surrogates.cell.engine import TorchNet, TorchSheet
+
+        net, sheet, options = TorchNet, TorchSheet, options | {"device": device, "forces": forces}
+    elif forces or device != "cpu":
+        raise ValueError('forces and device belong to engine="torch": add it, or leave them out')
     name = weights or (PARTICLES if scene.particles is not None else f"cnn_{scene.name.lower()}")
     arrays = load(name).arrays
     if ("factors" in arrays) == (scene.particles is not None):
         of = "a sheet" if "factors" in arrays else "a net of particles"
         raise ValueError(f"weights {name!r} are of {of}, this scene is not: leave weights out")
-    factors = dict(zip(SHEET, arrays["factors"].tolist(), strict=True)) if scene.particles is None else {}
-    if engine == "torch":
-        from surrogates.cell.engine import TorchNet, TorchSheet
-
-        common |= {"device": device, "forces": forces}
-        if scene.particles is None:
-            return TorchSheet(scene, factors, **common)
-        return TorchNet(scene, dimensional(scene, arrays), **common)
-    if forces or device != "cpu":
-        raise ValueError('forces and device belong to engine="torch": add it, or leave them out')
-    if scene.particles is None:
-        return CellSheet(scene, factors, **common)
-    return CellNet(scene, dimensional(scene, arrays), **common)
+    if scene.particles is not None:
+        return net(scene, dimensional(scene, arrays), **options)
+    return sheet(scene, dict(zip(SHEET, arrays["factors"].tolist(), strict=True)), **options)

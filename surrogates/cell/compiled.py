@@ -13,6 +13,17 @@ from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.particles.solver import Cell, ParticleSolver, make_kernel, mass_spring_cell, net_of
 from cloth_envs.scene import Scene
 
+SHEET = ("stretch_stiffness", "shear_stiffness", "bend_stiffness", "damping", "gravity")
+# A sheet's cell class by class: three branches of its edges in the order of ``stencil.edges``, bending, the weight.
+EDGES = ("along", "down", "right_diagonal", "left_diagonal")
+CLASSES = (
+    *(f"{branch}_{edge}" for branch in ("alpha", "beta", "gamma") for edge in EDGES),
+    *("bend_along", "bend_down", "bias_x", "bias_y", "bias_z"),
+)
+# Columns: which classes each number of ``SHEET`` stands for once a spring is a spring; then the sideways bias.
+SHARED = np.zeros((len(CLASSES), 7))
+SHARED[np.arange(17), [0, 0, 1, 1, 0, 0, 1, 1, 3, 3, 3, 3, 2, 2, 5, 6, 4]] = 1.0
+
 
 def dimensional(scene: Scene, arrays: Mapping[str, np.ndarray]) -> Cell:
     """The cell of a checkpoint's ``arrays`` for the particles of ``scene``, whatever their stiffness and mass."""

@@ -7,23 +7,45 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
+from torch.nn import functional
 
 from cloth_envs.material import Material
 from cloth_envs.physics.laws.drives import hermite
 from cloth_envs.physics.particles.solver import Cell, ParticleSolver, net_of
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from surrogates.cell.bodies import Ball
-from surrogates.cell.compiled import CellSheet
-from surrogates.cell.numbers import SHARED, SHEET
-from surrogates.cell.planes import Force
-from surrogates.cell.sheet import SheetCell, Sheets
+from surrogates.cell.compiled import SHARED, SHEET, CellSheet
+from surrogates.cell.frame import frame
+from surrogates.cell.sheet import Force, SheetCell, properties
 from surrogates.cell.stencil import StencilCell
-from surrogates.cell.step import Held, Moves, frame, step
+
+
+def pressure_force(positions: Tensor, pressure: Tensor) -> Tensor:
+    """Eq. 3, ``p sum r_a x r_b`` over four pairs of nearest neighbours, for ``pressure`` ``(B,)`` [Pa].
+
+    It is ``p (right - left) x (up - down)``, where a missing neighbour counts as lying on the particle.
+    """
+    spread = functional.pad(positions, (1, 1, 1, 1), mode="replicate")
+    across = spread[..., 1:-1, 2:] - spread[..., 1:-1, :-2]
+    up = spread[..., :-2, 1:-1] - spread[..., 2:, 1:-1]
+    return pressure[:, None, None, None] * torch.linalg.cross(across, up, dim=1)
+
+
+def hit_ball(x: Tensor, v: Tensor, centre: Tensor, moving: Tensor, radius: float, keep: float) -> Tensor:
+    """Velocities after a step inside a ball: no inward part, then ``keep`` of the rest, relative to the ball's.
+
+    ``centre`` and ``moving``, its velocity, are ``(B, 3, 1, 1)``.
+    """
+    d, u = x - centre, v - moving
+    away = d.norm(dim=1, keepdim=True)
+    n = d / away.clamp_min(torch.finfo(d.dtype).tiny)
+    left = keep * (u - (u * n).sum(1, keepdim=True).clamp_max(0) * n)
+    return torch.where(away < radius, left + moving, v)
 
 
 class TorchNet(ParticleSolver):
-    """``CellNet`` in torch: on GPUs, and with forces plugged in."""
+    """``CellNet`` in torch: the step of fig. 2 of Zhao 2024, on GPUs, and with forces plugged in."""
 
     def __init__(
         self, scene: Scene, cell: Cell, *, device: str = "cpu", forces: Sequence[Force] = (), **options: Any
@@ -36,32 +58,37 @@ class TorchNet(ParticleSolver):
 
     def step(self, old: State, new: State, controls: Controls) -> None:
         scene, net, steps = self.scene, net_of(self.scene), int(self.substeps[0])
-        flat, held, frame = (self.num_envs, 3, -1), list(scene.handles), scene.frame_dt
+        held, frame = list(scene.handles), scene.frame_dt
         dt = frame / steps
-        from_x, from_v = (a.reshape(flat)[..., held].transpose(0, 2, 1) for a in (old.positions, old.velocities))
+        decay = float(np.exp(-net.drag * scene.drag * dt))
+        starts = [
+            a.reshape(self.num_envs, 3, -1)[..., held].transpose(0, 2, 1) for a in (old.positions, old.velocities)
+        ]
+        handles = *starts, controls.handle_positions, controls.handle_velocities
         bodies = old.colliders, old.collider_velocities, controls.colliders, controls.collider_velocities
 
-        def tensor(a: np.ndarray) -> torch.Tensor:
+        def tensor(a: np.ndarray) -> Tensor:
             return torch.as_tensor(a, **self._options)
 
-        x, v = tensor(old.positions), tensor(old.velocities)
-        pressure = tensor(controls.pressure) if scene.pressure else None
+        x, v, pressure = tensor(old.positions), tensor(old.velocities), tensor(controls.pressure)
         with torch.no_grad():
             for k in range(steps):
-                at, speed = hermite(k / steps, frame, *bodies)
-                place, rate = hermite(
-                    (k + 1) / steps, frame, from_x, from_v, controls.handle_positions, controls.handle_velocities
-                )
-                x, v = step(
-                    self.cell, x, v, dt=dt, mass=net.node_mass, decay=float(np.exp(-net.drag * scene.drag * dt)),
-                    pressure=pressure, forces=self._forces,
-                    balls=[
-                        Ball(tensor(at[:, i, 0]), tensor(speed[:, i, 0]), body.radius, net.keep)
-                        for i, body in enumerate(scene.colliders)
-                    ],
-                    held=Held(self._held, tensor(place.transpose(0, 2, 1)), tensor(rate.transpose(0, 2, 1)))
-                    if held else None,
-                )  # fmt: skip
+                force = self.cell(x, v)
+                if scene.pressure:
+                    force = force + pressure_force(x, pressure)
+                for extra in self._forces:
+                    force = force + extra(x, v)
+                v = (v + dt / net.node_mass * force) * decay
+                balls = [tensor(a[:, :, 0, :, None, None]) for a in hermite(k / steps, frame, *bodies)]
+                for i, body in enumerate(scene.colliders):
+                    v = hit_ball(x, v, balls[0][:, i], balls[1][:, i], body.radius, net.keep)
+                x = x + dt * v
+                if held:
+                    driven = [tensor(a.transpose(0, 2, 1)) for a in hermite((k + 1) / steps, frame, *handles)]
+                    x, v = (
+                        a.flatten(2).index_copy(2, self._held, b).reshape(a.shape)
+                        for a, b in zip((x, v), driven, strict=True)
+                    )
         new.positions[:], new.velocities[:] = x.cpu().numpy(), v.cpu().numpy()
 
 
@@ -97,7 +124,6 @@ class TorchSheet(CellSheet):
                 part = Controls(**{name: value[which] for name, value in vars(controls).items()})
                 start = old.select(which)
                 x, v = (torch.as_tensor(a).to(like) for a in (start.positions, start.velocities))
-                sheets = Sheets.of(self.scene, [self._materials[i] for i in which], like)
-                moves = Moves.of(start, part, like)
-                x, v = frame(self.cell, self.scene, sheets, x, v, moves, int(count), self._forces)
+                sheets = properties(self.scene, [self._materials[i] for i in which], like)
+                x, v = frame(self.cell, self.scene, sheets, x, v, start, part, int(count), self._forces)
                 new.positions[which], new.velocities[which] = x.cpu().numpy(), v.cpu().numpy()

@@ -6,39 +6,41 @@ edge is evaluated once and acts on both ends, so momentum is kept exactly whatev
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from cloth_envs.material import Material
 from cloth_envs.physics.laws.stencil import edges, triples
 from cloth_envs.scene import Scene
-from surrogates.cell.numbers import CLASSES
-from surrogates.cell.planes import TINY, cut, place
+from surrogates.cell.compiled import CLASSES
+
+TINY = 1e-30  # m^2 and m^2/s^2, under roots that would have no slope at 0
+Force = Callable[[Tensor, Tensor], Tensor]  # positions, velocities -> forces, all (B, 3, H, W)
+# Of each class of edges, then of bending: rows and columns from the corner of a cell to its vertices.
+ENDS = ((0, 0), (0, 1)), ((0, 0), (1, 0)), ((0, 0), (1, 1)), ((0, 1), (1, 0))
+BENDS = ((0, 0), (0, 1), (0, 2)), ((0, 0), (1, 0), (2, 0))
 
 
-class Sheets(NamedTuple):
-    """The materials of a batch, each ``(B, 1, 1, 1)``; ``drag`` is 0 where a scene has none."""
+def place(plane: Tensor, at: tuple[int, int], shape: tuple[int, int]) -> Tensor:
+    """``plane`` placed with its first vertex ``at`` a row and a column among zeros of ``shape``."""
+    down, right = shape[0] - at[0] - plane.shape[-2], shape[1] - at[1] - plane.shape[-1]
+    return functional.pad(plane, (at[1], right, at[0], down))
 
-    areal_density: Tensor
-    stretch_stiffness: Tensor
-    shear_stiffness: Tensor
-    bend_stiffness: Tensor
-    damping: Tensor
-    drag: Tensor
-    compression: Tensor
-    buckling_strain: Tensor
-    post_buckling: Tensor
-    compression_damping: Tensor
 
-    @classmethod
-    def of(cls, scene: Scene, materials: Sequence[Material], like: Tensor) -> Sheets:
-        """``materials`` in the type and on the device of ``like``."""
-        rows = [[getattr(m, name) * (scene.drag if name == "drag" else 1) for name in cls._fields] for m in materials]
-        return cls(*torch.as_tensor(np.array(rows).T, dtype=like.dtype, device=like.device)[..., None, None, None])
+def cut(field: Tensor, at: tuple[int, int], size: Sequence[int]) -> Tensor:
+    """The part of ``size`` from a row and a column ``at`` on."""
+    return field[..., at[0] : at[0] + size[0], at[1] : at[1] + size[1]]
+
+
+def properties(scene: Scene, materials: Sequence[Material], like: Tensor) -> dict[str, Tensor]:
+    """Each of the ``materials``' properties, ``(B, 1, 1, 1)``, of the type and device of ``like``; drag as it acts."""
+    rows = [m.as_dict() | {"drag": m.drag * scene.drag} for m in materials]
+    columns = {name: np.array([row[name] for row in rows])[:, None, None, None] for name in rows[0]}
+    return {name: torch.as_tensor(a, dtype=like.dtype, device=like.device) for name, a in columns.items()}
 
 
 class SheetCell(nn.Module):
@@ -47,7 +49,7 @@ class SheetCell(nn.Module):
     On an edge ``f = k alpha d - k L beta n + c k gamma (w . n) n``, with ``n = d / |d|``; all numbers are 1 (the
     sideways biases 0) on the reference. Where the material yields, a shortened edge has less of the first two and more
     of the last (``laws.sheet.spring_forces``): with the factors of ``scaling="closure"`` it is the cell of a coarse
-    sheet. Materials come with the call, so weights belong to none.
+    sheet. Materials (``properties``) come with the call, so weights belong to none.
 
     Args:
         scene: for its grid and gravity.
@@ -65,50 +67,40 @@ class SheetCell(nn.Module):
         grid = scene.grid
         if grid.periodic:
             raise ValueError("this cell steps flat sheets, the grid is a tube: use the compiled engine")
-        self.shape, self.gravity = grid.shape, scene.gravity
+        self.shape, self.gravity, self.edges = grid.shape, scene.gravity, list(edges(grid))
         start = np.array([name not in ("bias_x", "bias_y") for name in CLASSES], float) if numbers is None else numbers
         self.numbers = nn.Parameter(torch.as_tensor(start, dtype=dtype))
-        rows, cols = grid.shape
-        sizes = (rows, cols - 1), (rows - 1, cols), (rows - 1, cols - 1), (rows - 1, cols - 1)
-        ends = ((0, 0), (0, 1)), ((0, 0), (1, 0)), ((0, 0), (1, 1)), ((0, 1), (1, 0))
-        self.edges = list(zip(edges(grid), sizes, ends, strict=True))
-        for k, (edge, size, _) in enumerate(self.edges):
-            self.register_buffer(f"share{k}", torch.as_tensor(edge.weight.reshape(size), dtype=dtype), persistent=False)
-        bends = ((rows, cols - 2), (0, 1)), ((rows - 2, cols), (1, 0))
-        self.bends = list(zip(triples(grid), bends, strict=True))
-        for k, (triple, (size, _)) in enumerate(self.bends):
-            self.register_buffer(
-                f"bend{k}", torch.as_tensor(triple.weight.reshape(size), dtype=dtype), persistent=False
-            )
+        weights = [part.weight for parts in (self.edges, triples(grid)) for part in parts]
+        for k, (weight, places) in enumerate(zip(weights, (*ENDS, *BENDS), strict=True)):
+            share = torch.as_tensor(weight.reshape(np.subtract(grid.shape, np.max(places, 0))), dtype=dtype)
+            self.register_buffer(f"share{k}", share, persistent=False)
         self.register_buffer("areas", torch.as_tensor(grid.areas, dtype=dtype), persistent=False)
 
-    def forward(self, x: Tensor, v: Tensor, sheets: Sheets) -> Tensor:
+    def forward(self, x: Tensor, v: Tensor, sheets: Mapping[str, Tensor]) -> Tensor:
         """Forces ``(B, 3, H, W)`` [N]."""
         total = torch.zeros_like(x)
-        for k, (edge, size, (first, second)) in enumerate(self.edges):
-            alpha, beta, gamma = self.numbers[k], self.numbers[4 + k], self.numbers[8 + k]
-            d, w = (cut(a, *second, size) - cut(a, *first, size) for a in (x, v))
+        for k, (edge, (first, second)) in enumerate(zip(self.edges, ENDS, strict=True)):
+            alpha, beta, gamma, share = *self.numbers[k:12:4], getattr(self, f"share{k}")
+            d, w = (cut(a, second, share.shape) - cut(a, first, share.shape) for a in (x, v))
             inverse = torch.rsqrt((d * d).sum(1, keepdim=True) + TINY)
             ratio = edge.rest * beta * inverse
             strain = alpha - ratio
             short = strain.clamp_max(0)
-            before = torch.maximum(short, -sheets.buckling_strain * ratio)
-            pull = strain.clamp_min(0) + sheets.compression * (before + sheets.post_buckling * (short - before))
-            damping = sheets.damping * gamma * torch.where(strain < 0, sheets.compression_damping, 1)
+            before = torch.maximum(short, -sheets["buckling_strain"] * ratio)
+            pull = strain.clamp_min(0) + sheets["compression"] * (before + sheets["post_buckling"] * (short - before))
+            damping = sheets["damping"] * gamma * torch.where(strain < 0, sheets["compression_damping"], 1)
             rate = damping * (w * d).sum(1, keepdim=True) * inverse * inverse
-            force = getattr(sheets, edge.modulus) * getattr(self, f"share{k}") * (pull + rate) * d
-            total = total + place(force, *first, self.shape) - place(force, *second, self.shape)
-        for k, (_, (size, (down, right))) in enumerate(self.bends):
-            before, middle, after = (cut(x, n * down, n * right, size) for n in range(3))
-            force = (
-                self.numbers[12 + k] * sheets.bend_stiffness * getattr(self, f"bend{k}") * (before - 2 * middle + after)
-            )
-            placed = [place(force, n * down, n * right, self.shape) for n in range(3)]
-            total = total - placed[0] + 2 * placed[1] - placed[2]
+            force = sheets[edge.modulus] * share * (pull + rate) * d
+            total = total + place(force, first, self.shape) - place(force, second, self.shape)
+        for k, places in enumerate(BENDS, len(ENDS)):
+            share = getattr(self, f"share{k}")
+            before, middle, after = (cut(x, at, share.shape) for at in places)
+            force = self.numbers[8 + k] * sheets["bend_stiffness"] * share * (before - 2 * middle + after)
+            for at, times in zip(places, (1, -2, 1), strict=True):
+                total = total - times * place(force, at, self.shape)
         signs = self.numbers.new_tensor([1.0, 1.0, -1.0])
-        weight = self.gravity * self.mass(sheets) * (signs * self.numbers[14:])[:, None, None]
-        return total + weight
+        return total + self.gravity * self.mass(sheets) * (signs * self.numbers[14:])[:, None, None]
 
-    def mass(self, sheets: Sheets) -> Tensor:
+    def mass(self, sheets: Mapping[str, Tensor]) -> Tensor:
         """Lumped masses ``(B, 1, H, W)`` [kg]."""
-        return sheets.areal_density * self.areas
+        return sheets["areal_density"] * self.areas

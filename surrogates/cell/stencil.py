@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -18,25 +17,13 @@ BRANCHES = ("linear", "nonlinear", "derivative", "bias")
 NEAR = 8  # of the neighbours; the others are at distance two
 
 
-def difference_kernels() -> tuple[Tensor, Tensor]:
-    """The 12 fixed kernels, +1 at the neighbour and -1 at the centre: ``(8, 1, 3, 3)`` and, dilated, ``(4, 1, 3, 3)``.
-
-    The far ones reach distance two as 3 x 3 kernels with dilation 2.
-    """
-    kernels = torch.zeros(len(NEIGHBOURS), 1, 3, 3)
-    for kernel, (down, right) in zip(kernels, NEIGHBOURS.tolist(), strict=True):
-        reach = max(abs(down), abs(right))
-        kernel[0, 1 + down // reach, 1 + right // reach] = 1.0
-        kernel[0, 1, 1] = -1.0
-    return kernels[:NEAR], kernels[NEAR:]
-
-
 class StencilCell(nn.Module):
     """``F = sum_c [alpha_c d_c + beta_c n_c + gamma_c (w_c . n_c) n_c] + bias`` (Zhao 2024, eqs 6-7).
 
-    ``d_c`` and ``w_c`` are convolutions of positions and velocities with fixed difference kernels, shared by x, y
-    and z; ``n = d / sqrt(|d|^2 + eps)`` is the inverse square root unit (ISRU). A neighbour beyond the border is
-    masked, never padded by a copy. Parameters are over ``scales``, so that one learning rate serves all branches.
+    ``d_c`` and ``w_c`` are convolutions of positions and velocities with 12 fixed difference kernels, +1 at the
+    neighbour and -1 at the centre, shared by x, y and z (the last four, which reach distance two, are dilated);
+    ``n = d / sqrt(|d|^2 + eps)`` is the inverse square root unit (ISRU) of the whole vector: by component it could not
+    tell a spring's length. Parameters are over ``scales``, so that one learning rate serves all branches.
 
     With rest ``lengths`` L the same forces are trained as ``linear (d / L - n) + nonlinear n``, so that
     ``alpha = linear / L`` and ``beta = nonlinear - linear``: what stretches a spring and what pulls it at rest. As
@@ -49,8 +36,6 @@ class StencilCell(nn.Module):
         pairs: opposite neighbours share their weights (6 a branch): forces are then equal and opposite, and momentum
             is kept exactly whatever was learned.
         eps: [m^2], positive.
-        vector: the norm of the ISRU and the product of the derivative branch run over x, y, z; false takes them per
-            component, which cannot tell a spring's length (kept to show that).
         dtype: of the parameters, which start at 0.
     """
 
@@ -65,19 +50,21 @@ class StencilCell(nn.Module):
         lengths: Tensor | None = None,
         pairs: bool = False,
         eps: float = 1e-12,
-        vector: bool = True,
         dtype: torch.dtype = torch.float32,
     ) -> None:
         super().__init__()
         if not eps > 0:
             raise ValueError(f"eps must be positive, got {eps!r}: masked neighbours have no direction")
-        self.scales, self.pairs, self.eps, self.vector = tuple(scales), pairs, eps, vector
+        self.scales, self.pairs, self.eps = tuple(scales), pairs, eps
         count = len(NEIGHBOURS) // (2 if pairs else 1)
         for name in BRANCHES:
             self.register_parameter(name, nn.Parameter(torch.zeros(3 if name == "bias" else count, dtype=dtype)))
-        near, far = (kernels.to(dtype) for kernels in difference_kernels())
-        self.register_buffer("near", near, persistent=False)
-        self.register_buffer("far", far, persistent=False)
+        kernels = torch.zeros(len(NEIGHBOURS), 1, 3, 3, dtype=dtype)
+        for kernel, away in zip(kernels, NEIGHBOURS, strict=True):
+            row, col = 1 + away // abs(away).max()
+            kernel[0, row, col], kernel[0, 1, 1] = 1.0, -1.0
+        self.register_buffer("near", kernels[:NEAR], persistent=False)
+        self.register_buffer("far", kernels[NEAR:], persistent=False)
         self.register_buffer("lengths", None if lengths is None else lengths.to(dtype))
 
     @classmethod
@@ -97,37 +84,21 @@ class StencilCell(nn.Module):
             linear, nonlinear = linear / self.lengths, nonlinear - linear
         return linear, nonlinear, derivative, bias
 
-    def cell(self) -> Cell:
-        """The same numbers for the compiled kernel."""
-        *weights, bias = (branch.detach().double().cpu().numpy() for branch in self.branches())
-        return Cell(np.stack(weights, 1), bias, self.eps)
-
     def differences(self, field: Tensor) -> Tensor:
         """``(B, 3, H, W)`` at the neighbours less at the vertex, ``(B, 3, 12, H, W)``, 0 where there is none."""
         batch, axes, rows, cols = field.shape
-        planes = field.reshape(batch * axes, 1, rows, cols)
+        planes = torch.cat([field.reshape(batch * axes, 1, rows, cols), field.new_ones(1, 1, rows, cols)])
         near = functional.conv2d(planes, self.near, padding=1)
         far = functional.conv2d(planes, self.far, padding=2, dilation=2)
-        return torch.cat([near, far], 1).reshape(batch, axes, -1, rows, cols) * neighbour_mask(rows, cols, field)
+        found = torch.cat([near, far], 1)
+        there = 1 + found[-1]  # of ones the difference is -1 beyond the border
+        return found[:-1].reshape(batch, axes, -1, rows, cols) * there
 
     def forward(self, positions: Tensor, velocities: Tensor) -> Tensor:
         """Forces ``(B, 3, H, W)`` [N]."""
         alpha, beta, gamma, bias = self.branches()
         d, w = self.differences(positions), self.differences(velocities)
-
-        def norm(a: Tensor) -> Tensor:
-            return a.sum(1, keepdim=True) if self.vector else a
-
-        n = d * torch.rsqrt(norm(d * d) + self.eps)
-        channels = (alpha, d), (beta, n), (gamma, norm(w * n) * n)
+        n = d * torch.rsqrt((d * d).sum(1, keepdim=True) + self.eps)
+        channels = (alpha, d), (beta, n), (gamma, (w * n).sum(1, keepdim=True) * n)
         total = sum(torch.einsum("c,bkcij->bkij", weight, feature) for weight, feature in channels)
         return total + bias[:, None, None]
-
-
-def neighbour_mask(rows: int, cols: int, like: Tensor) -> Tensor:
-    """1 where a vertex has the neighbour, 0 beyond the border, ``(12, rows, cols)``."""
-    r, c = torch.arange(rows, device=like.device), torch.arange(cols, device=like.device)
-    offsets = torch.as_tensor(NEIGHBOURS, device=like.device)
-    down, right = r + offsets[:, :1], c + offsets[:, 1:]
-    there = ((down >= 0) & (down < rows))[:, :, None] & ((right >= 0) & (right < cols))[:, None, :]
-    return there.to(like.dtype)

@@ -15,20 +15,12 @@ from surrogates.miniature.upscaled import Upscaled
 from surrogates.upscale.local import weights_name
 from surrogates.upscale.protocol import make_upscaler
 
-CORRECTIONS = ("learned",)
-
-
-def learned(scene: str, factor: int) -> bool:
-    """Whether a closure and a local upscaler are shipped for 1/``factor`` of a scene."""
-    return scene in card("closure")["scenes"] and bool(of_factor(weights_name("local", scene), factor))
-
 
 class MiniatureBackend(Upscaled):
     """A reference solver on a grid ``factor`` times coarser, upscaled when the cloth is read.
 
     Args:
-        scene: the scene at full resolution.
-        num_envs: members of the batch.
+        scene: at full resolution. num_envs: members of the batch.
         factor: 2, 3 or 4, how many times fewer cells along each side.
         scaling: ``"similar"`` (the sheet's own material), ``"seed"`` (the paper's spring constants, ``factor^2``
             times too stiff), ``"calibrated"`` (factors fitted per scene), ``"closure"`` (those and a law of springs
@@ -66,7 +58,8 @@ class MiniatureBackend(Upscaled):
             raise ValueError(f"factor must be 2, 3 or 4, got {factor!r}")
         if not isinstance(guard, bool):
             raise ValueError(f"guard must be True or False, got {guard!r}")
-        if scaling is None and upscaler is None and solver == "explicit" and learned(scene.name, factor):
+        fitted = scene.name in card("closure")["scenes"] and of_factor(weights_name("local", scene.name), factor)
+        if scaling is None and upscaler is None and solver == "explicit" and fitted:
             scaling, upscaler = "closure", "local"
         self.factor, self.scaling, self.upscaler = factor, scaling or "similar", upscaler or "bicubic"
         coarse = CoarsePhysics(
@@ -79,8 +72,8 @@ class MiniatureBackend(Upscaled):
             options={"threads": threads, **(solver_kwargs or {})},
         )
         if correction is not None:
-            if correction not in CORRECTIONS:
-                raise unknown_name("correction", correction, CORRECTIONS)
+            if correction != "learned":
+                raise unknown_name("correction", correction, ["learned"])
             if self.scaling != "closure":
                 raise ValueError(f'correction={correction!r} was trained on scaling="closure", got {self.scaling!r}')
             coarse.correct(Correction(coarse.scene, shipped(scene.name, factor)))

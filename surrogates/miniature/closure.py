@@ -8,7 +8,6 @@ from functools import cache
 from typing import Any
 
 from cloth_envs.material import Material
-from cloth_envs.naming import unknown_name
 from surrogates.checkpoint import WEIGHTS
 
 SCALINGS = ("similar", "seed", "calibrated", "closure")
@@ -36,22 +35,6 @@ def load_factors(scene: str, factor: float, scaling: str = "calibrated") -> dict
             f'use scaling="similar", or fit some with `python -m training.calibrate --scaling {scaling}`'
         )
     return scenes[scene][str(factor)]["factors"]
-
-
-def choose_factors(
-    scene: str, factor: float, scaling: str, own: Mapping[str, float] | None = None
-) -> Mapping[str, float]:
-    """The factors of a scaling: a calibration's ``own``, or those that are shipped for the scene; none where none fit.
-
-    Raises:
-        ValueError: an unknown scaling, one that takes no factors, or a scene without a calibration.
-    """
-    if scaling not in SCALINGS:
-        raise unknown_name("scaling", scaling, SCALINGS)
-    fitted = scaling in ("calibrated", "closure")
-    if own is not None and not fitted:
-        raise ValueError(f'factors need scaling="calibrated" or "closure", got scaling={scaling!r}')
-    return own if own is not None else load_factors(scene, factor, scaling) if fitted else {}
 
 
 def miniature_material(material: Material, factor: float, scaling: str, factors: Mapping[str, float]) -> Material:

@@ -11,11 +11,12 @@ from _minicloth_kernels import Correct
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
+from cloth_envs.naming import unknown_name
 from cloth_envs.physics.solver import reference
 from cloth_envs.resample import resample
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from surrogates.miniature.closure import choose_factors, miniature_material
+from surrogates.miniature.closure import SCALINGS, load_factors, miniature_material
 from surrogates.miniature.correction import Correction
 from surrogates.miniature.handles import Handles
 
@@ -45,8 +46,7 @@ class CoarsePhysics:
     thickness need no scaling; ``closure.miniature_material`` says why that is the same.
 
     Args:
-        fine: the scene at full resolution.
-        num_envs: members of the batch.
+        fine: the scene at full resolution. num_envs: members of the batch.
         factor: how many times fewer cells along each side, above 1.
         scaling, factors: of the sheet's material, see ``closure``.
         solver, options: of the coarse cloth, as for ``backend="reference"``.
@@ -73,7 +73,13 @@ class CoarsePhysics:
         options: Mapping[str, Any] | None = None,
     ) -> None:
         self.fine, self.factor, self.scaling = fine, factor, scaling
-        self._factors = choose_factors(fine.name, factor, scaling, factors)
+        if scaling not in SCALINGS:
+            raise unknown_name("scaling", scaling, SCALINGS)
+        if scaling in ("similar", "seed"):
+            if factors is not None:
+                raise ValueError(f'factors need scaling="calibrated" or "closure", got scaling={scaling!r}')
+            factors = {}
+        self._factors = load_factors(fine.name, factor, scaling) if factors is None else factors
         self.scene, self.handles = coarse_scene(fine, factor, self.material(fine.material))
         self.solver = reference(self.scene, num_envs=num_envs, solver=solver, **(options or {}))
         self.frames = 1
@@ -126,17 +132,12 @@ class CoarsePhysics:
             self._offsets[list(which)] = offsets
             for i, material in zip(which, chosen, strict=True):
                 self._materials[i] = material
-        self._begin_history(which)
-
-    def _begin_history(self, which: Sequence[int] | None) -> None:
-        """The past of cloths that have none: where they came from at their present velocity."""
+        # The past of cloths that have none is where they came from at their present velocity.
         members, now, past = slice(None) if which is None else list(which), self.state, []
+        x, v = now.positions[members], now.velocities[members]
         for back in range(self.frames - 1, 0, -1):
             then = (now if which is None else self.history[-1 - back]).copy()
-            then.positions[members] = now.positions[members] - now.velocities[members] * np.float32(
-                back * self.scene.frame_dt
-            )
-            then.velocities[members] = now.velocities[members]
+            then.positions[members], then.velocities[members] = x - v * np.float32(back * self.scene.frame_dt), v
             past.append(then)
         self.history = [*past, now]
 

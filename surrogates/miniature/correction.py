@@ -22,8 +22,8 @@ AROUND = np.array([(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (
 POSITIONS = np.concatenate([AROUND, 2 * AROUND, 4 * AROUND])
 VELOCITIES = np.concatenate([AROUND[:4], 2 * AROUND, 4 * AROUND])
 CHANGES = 2 * AROUND[:4]
-REACHES = (1.5, 6.0)  # vertices over which the border is felt
-HANDLE_REACHES = (2.0, 8.0)
+REACHES = np.array([1.5, 6.0])  # vertices over which the border is felt
+HANDLE_REACHES = np.array([2.0, 8.0])
 FADE = 2.0  # vertices around handles
 FAR = 6.0  # coarse spacings beyond which a body is not seen
 LAYERS = 3
@@ -39,6 +39,9 @@ class Correction:
             ``bias2``; ``low`` and ``high`` ``(features,)``, to which features are clipped; ``limit`` ``(6,)`` of the
             answers, in coarse spacings, and in those per frame.
 
+    Attributes:
+        share: how much of its answer a vertex gets, ``(V,)``: 0 at handles, 1 far from them.
+
     Raises:
         ValueError: a tube.
     """
@@ -49,10 +52,20 @@ class Correction:
             raise ValueError('correction="learned" has no tubes: leave it out')
         self.scene, self.arrays = coarse, dict(arrays)
         self._unit, self._dt = np.float32(grid.row_spacing), np.float32(coarse.frame_dt)
-        self.share = _share(coarse)
-        self._at = [_neighbours(coarse, away) for away in (POSITIONS, VELOCITIES, CHANGES)]
+        rows, cols = grid.shape
+        row, col = np.indices(grid.shape).reshape(2, -1, 1)  # (V, 1)
+        # Numbers of the vertices away from each, (V, P); beyond the border that on it.
+        self._at = [
+            np.clip(row + away[:, 0], 0, rows - 1) * cols + np.clip(col + away[:, 1], 0, cols - 1)
+            for away in (POSITIONS, VELOCITIES, CHANGES)
+        ]
         self._nearer = (1 / abs(POSITIONS).max(1)).astype(np.float32)
-        self._place = _places(coarse)
+        down, right = np.divmod(np.array(coarse.handles, np.intp), cols)
+        to_handle = np.sqrt((row - down) ** 2 + (col - right) ** 2).min(1, initial=np.inf, keepdims=True)
+        self.share = -np.expm1(-((to_handle[:, 0] / FADE) ** 2)).astype(np.float32)
+        # How near the four sides and the nearest handle are, (V, 10), each by two exponentials.
+        near = [np.exp(-side / REACHES) for side in (row, rows - 1 - row, col, cols - 1 - col)]
+        self._place = np.concatenate([*near, np.exp(-to_handle / HANDLE_REACHES)], 1).astype(np.float32)
 
     def features(self, before: State, after: State) -> tuple[np.ndarray, np.ndarray]:
         """What every vertex reads after a frame, ``(B, V, features)``, and its axes ``(B, V, 3 axes, 3)``."""
@@ -81,18 +94,19 @@ class Correction:
         inner = np.concatenate(vectors, 2) @ np.swapaxes(turn, -1, -2)
         return np.concatenate([inner.reshape(*x.shape[:2], -1), *numbers], -1), turn
 
-    def answer(self, features: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The shift [m] and the change of velocity [m/s] of every vertex, ``(B, V, 3)``; 0 at handles."""
+    def apply(self, after: State, features: np.ndarray, turn: np.ndarray) -> None:
+        """Move the vertices of ``after``, and change their velocities, in place."""
         a = self.arrays
         y = np.clip(features, a["low"], a["high"])
         for k in range(LAYERS):
             y = (np.maximum(y, 0) if k else y) @ a[f"weight{k}"].T + a[f"bias{k}"]
         y = y / np.sqrt(1 + (y / a["limit"]) ** 2) * self.share[:, None]
         out = y.reshape(*y.shape[:2], 2, 3) @ turn * self._unit
-        return out[:, :, 0], out[:, :, 1] / self._dt
+        for field, change in ((after.positions, out[:, :, 0]), (after.velocities, out[:, :, 1] / self._dt)):
+            field += change.swapaxes(1, 2).reshape(field.shape)
 
     def compiled(self) -> Correct:
-        """``features``, ``answer`` and ``apply`` in one, with the arrays as they are now."""
+        """``features`` and ``apply`` in one, with the arrays as they are now."""
         a, bodies = self.arrays, self.scene.colliders
         return Correct(
             index=[np.ascontiguousarray(at.T, np.int32) for at in self._at],
@@ -111,23 +125,10 @@ class Correction:
             radii=[body.radius for body in bodies],
         )
 
-    def apply(self, after: State, features: np.ndarray, turn: np.ndarray) -> None:
-        """Correct ``after`` in place."""
-        fields = after.positions, after.velocities
-        for field, change in zip(fields, self.answer(features, turn), strict=True):
-            field += change.swapaxes(1, 2).reshape(field.shape)
-
 
 def _vertices(field: np.ndarray) -> np.ndarray:
     """``(B, 3, h, w)`` as ``(B, V, 3)`` in float32."""
     return np.ascontiguousarray(field.reshape(len(field), 3, -1).swapaxes(1, 2), np.float32)
-
-
-def _neighbours(coarse: Scene, away: np.ndarray) -> np.ndarray:
-    """Numbers of the vertices ``away`` ``(P, 2)`` from each, ``(V, P)``; beyond the border that on it."""
-    rows, cols = coarse.grid.shape
-    row, col = np.indices((rows, cols)).reshape(2, -1, 1)
-    return np.clip(row + away[:, 0], 0, rows - 1) * cols + np.clip(col + away[:, 1], 0, cols - 1)
 
 
 def _axes(near: np.ndarray) -> np.ndarray:
@@ -143,28 +144,6 @@ def _axes(near: np.ndarray) -> np.ndarray:
     side = np.cross(normal, middle)
     half = np.float32(np.sqrt(0.5))
     return np.stack([(middle - side) * half, (middle + side) * half, normal], -2)
-
-
-def _from_handles(coarse: Scene) -> np.ndarray:
-    """Vertices to the nearest handle, ``(V,)``; infinite without handles."""
-    rows, cols = coarse.grid.shape
-    at = np.stack(np.divmod(np.array(coarse.handles, np.intp), cols))
-    gap = np.indices((rows, cols)).reshape(2, -1, 1) - at[:, None]
-    return np.sqrt((gap**2).sum(0)).min(1, initial=np.inf)
-
-
-def _share(coarse: Scene) -> np.ndarray:
-    """How much of its answer a vertex gets, ``(V,)``: 0 at handles, 1 far from them."""
-    return -np.expm1(-((_from_handles(coarse) / FADE) ** 2)).astype(np.float32)
-
-
-def _places(coarse: Scene) -> np.ndarray:
-    """How near the four sides and the nearest handle are, ``(V, 10)``, each by two exponentials."""
-    rows, cols = coarse.grid.shape
-    row, col = np.indices((rows, cols)).reshape(2, -1)
-    away = [(side, REACHES) for side in (row, rows - 1 - row, col, cols - 1 - col)]
-    away.append((_from_handles(coarse), HANDLE_REACHES))
-    return np.stack([np.exp(-side / reach) for side, reaches in away for reach in reaches], 1).astype(np.float32)
 
 
 def weights_name(scene: str) -> str:

@@ -42,9 +42,6 @@ class Handles(NamedTuple):
                 driven.setdefault(tuple(nearest[k]), k)
         vertices = tuple(row * coarse.cols + col % coarse.cols for row, col in driven)
         follows = np.array(list(driven.values()), np.int32)
-        if not handles:
-            nothing = np.zeros(0, np.int32)
-            return cls(vertices, follows, nothing, nothing, np.zeros(0, np.float32))
         all_places = np.stack(np.divmod(np.arange(fine.vertices), fine.cols), 1) * ratio
         away, guides = cKDTree(place).query(all_places, p=np.inf)
         near = np.flatnonzero((away > 0) & (away < 1))

@@ -18,7 +18,7 @@ from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from surrogates.checkpoint import of_factor
-from surrogates.upscale.local_features import LIMIT, answer, features, flat_features, spacing, stiffness_numbers
+from surrogates.upscale.local_features import LIMIT, NODES, answer, features, flat_features, spacing, stiffness_numbers
 from surrogates.upscale.patches import dense_grid, squares
 from surrogates.upscale.protocol import Upscaler
 
@@ -51,7 +51,12 @@ class Local(Upscaler):
         if fine.grid.periodic:
             raise ValueError(f'upscaler="{self.method}" has no tubes: use upscaler="bicubic"')
         if arrays is None:
-            arrays = shipped(self.method, fine.name, factor)
+            arrays = of_factor(weights_name(self.method, fine.name), factor)
+        if not arrays:
+            raise ValueError(
+                f'upscaler="{self.method}" has no weights for {fine.name} at factor {factor}: use upscaler="bicubic", '
+                f"or train it with `minicloth train local --scenes {fine.name} --factors {factor}`"
+            )
         self._flat = flat_features(coarse.grid)
         self.weights = [arrays[f"weight{k}"] for k in range(LAYERS) if f"weight{k}" in arrays]
         self._offsets = [arrays[f"bias{k}"] for k in range(len(self.weights) - 1)]
@@ -63,11 +68,9 @@ class Local(Upscaler):
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         """Materials outside the range of training count as its nearest end."""
-        members = list(which)
-        more = max(members) + 1 - len(self._bias)
-        if more > 0:
-            self._bias = np.concatenate([self._bias, np.zeros((more, self._bias.shape[1]), np.float32)])
-        self._bias[members] = self.biases(materials)
+        more = max(0, max(which) + 1 - len(self._bias))
+        self._bias = np.pad(self._bias, ((0, more), (0, 0)))
+        self._bias[list(which)] = self.biases(materials)
 
     def biases(self, materials: Sequence[Material]) -> np.ndarray:
         """Biases of all layers, one after the other, ``(B, n)``."""
@@ -90,37 +93,19 @@ class Local(Upscaler):
     def seam(self, history: Sequence[State]) -> float:
         """Mean distance [m] of what cells say of a vertex that they share from the average of it."""
         x = history[-1].positions
-        grid, unit = self.coarse.grid, spacing(self.coarse.grid)
+        unit = spacing(self.coarse.grid)
         numbers, turn = features(x, unit)
-        begin = 0
-        for k, weight in enumerate(self.weights):
-            numbers = numbers @ weight.T + self._bias[: len(x), None, begin : begin + len(weight)]
-            begin += len(weight)
-            if k + 1 < len(self.weights):
-                numbers = np.maximum(numbers, 0)
-        vectors = answer(numbers, turn, unit)
-        return squares(*grid.shape, 2).seam(vectors.reshape(-1, 3 * vectors.shape[2]))
+        ends = np.cumsum([len(weight) for weight in self.weights])
+        biases = np.split(self._bias[: len(x), None], ends[:-1], 2)
+        for k, (weight, bias) in enumerate(zip(self.weights, biases, strict=True)):
+            numbers = (np.maximum(numbers, 0) if k else numbers) @ weight.T + bias
+        return squares(*self.coarse.grid.shape, 2).seam(answer(numbers, turn, unit).reshape(-1, 3 * NODES))
 
 
 class Ridge(Local):
     """The same residual as a linear function of the same numbers."""
 
     method = "ridge"
-
-
-def shipped(method: str, scene: str, factor: int) -> dict[str, np.ndarray]:
-    """Weights of an upscaler.
-
-    Raises:
-        ValueError: there are none.
-    """
-    arrays = of_factor(weights_name(method, scene), factor)
-    if not arrays:
-        raise ValueError(
-            f'upscaler="{method}" has no weights for {scene} at factor {factor}: use upscaler="bicubic", or train it '
-            f"with `minicloth train local --scenes {scene} --factors {factor}`"
-        )
-    return arrays
 
 
 def weights_name(method: str, scene: str) -> str:

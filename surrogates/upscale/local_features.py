@@ -15,7 +15,6 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene
-from surrogates.upscale.patches import squares
 
 PLACES = np.array([1, 2, 4, 5, 6, 7, 8, 9, 10, 11, 13, 14])  # of a patch's vertices among 4 x 4
 NODES = 9
@@ -28,19 +27,14 @@ def spacing(grid: Grid) -> float:
     return float(np.sqrt(grid.row_spacing * grid.col_spacing))
 
 
-def padded(x: np.ndarray) -> np.ndarray:
-    """``x`` ``(..., h, w)`` with one more row and column all around."""
+def patches(x: np.ndarray) -> np.ndarray:
+    """The 12 vertices around every cell of ``x`` ``(B, 3, h, w)``: ``(B, cells, 3, 12)``."""
     for axis in (-2, -1):
         rows = np.moveaxis(x, axis, 0)
         before = 3 * (rows[:1] - rows[1:2]) + rows[2:3]
         after = 3 * (rows[-1:] - rows[-2:-1]) + rows[-3:-2]
         x = np.moveaxis(np.concatenate([before, rows, after]), 0, axis)
-    return x
-
-
-def patches(x: np.ndarray) -> np.ndarray:
-    """The 12 vertices around every cell of ``x`` ``(B, 3, h, w)``: ``(B, cells, 3, 12)``."""
-    around = np.lib.stride_tricks.sliding_window_view(padded(x), (4, 4), (-2, -1))
+    around = np.lib.stride_tricks.sliding_window_view(x, (4, 4), (-2, -1))
     return np.moveaxis(around, 1, 3).reshape(len(x), -1, 3, 16)[..., PLACES]
 
 
@@ -88,13 +82,6 @@ def answer(outputs: np.ndarray, turn: np.ndarray, unit: float) -> np.ndarray:
     inner = outputs.reshape(*outputs.shape[:2], 3, NODES)
     inner = inner / np.sqrt(1 + (inner**2).sum(2, keepdims=True) / LIMIT**2)
     return np.swapaxes(inner, -1, -2) @ turn * np.asarray(unit, outputs.dtype)
-
-
-def merged(vectors: np.ndarray, grid: Grid) -> np.ndarray:
-    """Cells' answers averaged where they meet, ``(B, 3, 2h-1, 2w-1)``."""
-    layout = squares(grid.rows, grid.cols, 2)
-    flat = layout.merge(vectors.reshape(len(vectors) * len(layout.points), -1))
-    return flat.reshape(len(vectors), 3, 2 * grid.rows - 1, 2 * grid.cols - 1)
 
 
 def stiffness_numbers(coarse: Scene, materials: Sequence[Material]) -> np.ndarray:

@@ -69,18 +69,16 @@ class Layout:
 def squares(rows: int, cols: int, factor: int) -> Layout:
     """From each 2 x 2 patch of a coarse grid ``(rows, cols)`` to the ``(factor+1)^2`` vertices that it spans."""
     wide = factor * (cols - 1) + 1
-    places = np.add.outer(np.arange(rows - 1), np.zeros(cols - 1, int)), np.tile(np.arange(cols - 1), (rows - 1, 1))
-    at, goal = (places[0] * cols + places[1]).reshape(-1, 1), factor * (places[0] * wide + places[1]).reshape(-1, 1)
-    vertices = (factor * (rows - 1) + 1) * wide
-    return Layout(at + _block(1, cols), goal + _block(factor, wide), _bilinear(factor), vertices)
+    corners = np.add.outer(_block(rows - 1, cols - 1, cols), _block(2, 2, cols))
+    points = np.add.outer(factor * _block(rows - 1, cols - 1, wide), _block(factor + 1, factor + 1, wide))
+    return Layout(corners, points, _bilinear(factor), (factor * (rows - 1) + 1) * wide)
 
 
 def windows(rows: int, cols: int, factor: int) -> Layout:
     """All windows of ``(factor+1)^2`` vertices of one grid, and their own four corners."""
-    at = np.add.outer(np.arange(rows - factor) * cols, np.arange(cols - factor)).reshape(-1, 1)
-    block = _block(factor, cols)
+    points = np.add.outer(_block(rows - factor, cols - factor, cols), _block(factor + 1, factor + 1, cols))
     ends = [0, factor, factor * (factor + 1), (factor + 1) ** 2 - 1]
-    return Layout(at + block[ends], at + block, _bilinear(factor), rows * cols)
+    return Layout(points[:, ends], points, _bilinear(factor), rows * cols)
 
 
 def triangles(rows: int, cols: int) -> Layout:
@@ -89,7 +87,7 @@ def triangles(rows: int, cols: int) -> Layout:
     The second triangle of a cell is the first one turned by half a turn; both have their right angle second.
     """
     wide = 2 * cols - 1
-    at = np.stack(np.divmod(np.arange((rows - 1) * (cols - 1)), cols - 1), 1)[:, None]  # (cells, 1, 2)
+    at = np.indices((rows - 1, cols - 1)).reshape(2, -1).T[:, None]  # (cells, 1, 2)
     first = np.array([[0, 0], [0, 1], [1, 1]])
     both = np.concatenate([at + first, at + 1 - first])  # (2 cells, 3, 2)
     mid = both + np.roll(both, -1, 1)  # rows and columns of the fine grid
@@ -97,8 +95,9 @@ def triangles(rows: int, cols: int) -> Layout:
     return Layout(both @ [cols, 1], mid @ [wide, 1], half, (2 * rows - 1) * wide)
 
 
-def _block(size: int, cols: int) -> np.ndarray:
-    return np.add.outer(np.arange(size + 1) * cols, np.arange(size + 1)).ravel()
+def _block(rows: int, cols: int, wide: int) -> np.ndarray:
+    """The first ``rows`` and ``cols`` of vertices of a grid of ``wide`` columns."""
+    return np.add.outer(np.arange(rows) * wide, np.arange(cols)).ravel()
 
 
 def _bilinear(factor: int) -> np.ndarray:

@@ -1,8 +1,8 @@
-"""Upscalers as published: ``"fc"`` after Lee, Oh & Lee 2019 and ``"hdnn"``, like Oh, Lee & Lee 2018."""
+"""Upscalers as published: ``"fc"`` after Lee, Oh & Lee 2019 and ``"hdnn"``, like Oh, Lee & Lee 2018; no torch."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -11,16 +11,46 @@ from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from surrogates.checkpoint import WEIGHTS, Checkpoint, load
-from surrogates.upscale.mlp import Mlp
 from surrogates.upscale.patches import FEATURES, combine, dense_grid, squares, triangles
 from surrogates.upscale.protocol import Upscaler
+
+
+class Mlp:
+    """``U*FC-V``: hidden layers with ReLU and a linear output, float32.
+
+    Args:
+        arrays: ``weight0``, ``bias0``, ``weight1``, ... as torch has them, ``(out, in)`` and ``(out,)``; others
+            are left alone.
+
+    Raises:
+        ValueError: no layers, or layers that do not fit together.
+    """
+
+    def __init__(self, arrays: Mapping[str, np.ndarray]) -> None:
+        count = sum(name.startswith("weight") for name in arrays)
+        names = [(f"weight{k}", f"bias{k}") for k in range(count)]
+        if not count or any(name not in arrays for pair in names for name in pair):
+            raise ValueError(f"a network needs weight0, bias0, weight1, ...; these arrays are {', '.join(arrays)}")
+        self._layers = [(np.ascontiguousarray(arrays[w].T, np.float32), arrays[b].astype(np.float32)) for w, b in names]
+        before = len(self._layers[0][0])
+        for weight, bias in self._layers:
+            if weight.shape[0] != before or bias.shape != (weight.shape[1],):
+                raise ValueError(f"a layer of {weight.shape} with bias {bias.shape} cannot follow {before} numbers")
+            before = len(bias)
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Outputs ``(N, outputs)`` of ``x`` ``(N, inputs)``."""
+        for k, (weight, bias) in enumerate(self._layers):
+            x = (np.maximum(x, 0, out=x) if k else x) @ weight
+            x += bias
+        return x
 
 
 def find(kind: str, scene: Scene, factor: int) -> Checkpoint:
     """The shipped weights of ``kind`` for a scene; coordinates are absolute, so it must be the one they learnt.
 
     Raises:
-        ValueError: there are none, or they are of another set-up of this scene.
+        ValueError: there are none, or they are of another grid, other handles or other springs.
     """
     name = f"{kind}_{scene.name.lower()}_{factor}"
     if not (WEIGHTS / f"{name}.safetensors").is_file():
@@ -30,16 +60,6 @@ def find(kind: str, scene: Scene, factor: int) -> Checkpoint:
             f'with `minicloth train upscaler --recipe {name.replace("_", "-")}`, or use upscaler="bicubic"'
         )
     found = load(name)
-    check(found, scene)
-    return found
-
-
-def check(found: Checkpoint, scene: Scene) -> None:
-    """Refuse weights of another set-up.
-
-    Raises:
-        ValueError: another grid, other handles or another law of wind than those of the preset that was learnt.
-    """
     recipe = found.card["recipe"]
     task = load_preset(recipe["scene"], recipe["preset"])
     known = task.make_scene(resolution=task.resolution, material=task.material)
@@ -51,6 +71,7 @@ def check(found: Checkpoint, scene: Scene) -> None:
             f"resolution and springs of {low} to {high} N/m: their coordinates are absolute. Use that preset, "
             'or upscaler="bicubic"'
         )
+    return found
 
 
 class FullyConnected(Upscaler):

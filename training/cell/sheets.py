@@ -15,8 +15,7 @@ from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.laws.stencil import edges, triples
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from surrogates.cell.compiled import CellSheet
-from surrogates.cell.numbers import CLASSES, SHARED, SHEET
+from surrogates.cell.compiled import CLASSES, SHARED, SHEET, CellSheet
 from training.metrics.errors import vertex_error
 from training.rollouts import replay
 from training.truth import Case

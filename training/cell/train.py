@@ -23,8 +23,7 @@ from cloth_envs.naming import unknown_name
 from cloth_envs.physics.particles.solver import NEIGHBOURS
 from cloth_envs.registry import SCENES
 from surrogates.cell.backend import PARTICLES
-from surrogates.cell.compiled import dimensionless
-from surrogates.cell.numbers import CLASSES, SHEET
+from surrogates.cell.compiled import CLASSES, SHEET, dimensionless
 from surrogates.cell.stencil import StencilCell
 from surrogates.checkpoint import WEIGHTS, save
 from training.cache import cache_folder, digest

@@ -26,7 +26,7 @@ import torch
 from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
 from surrogates.checkpoint import WEIGHTS, save
-from surrogates.upscale.mlp import Mlp
+from surrogates.upscale.published import Mlp
 from training.fit import Kept, cosine, fit
 from training.generate import data_folder
 from training.recipes.upscaler import RECIPES, SHIPPED, Recipe, weights_name, work_folder

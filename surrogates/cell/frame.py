@@ -1,0 +1,123 @@
+"""A frame of the cell on a sheet in torch, with all that is plugged in: air, bodies, handles, forces of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from cloth_envs.physics.laws.drives import hermite
+from cloth_envs.scene import Collider, Scene
+from cloth_envs.state import Controls, State
+from surrogates.cell.sheet import TINY, Force, SheetCell, cut, place
+
+
+def air_forces(scene: Scene, x: Tensor, v: Tensor, wind: Tensor, pressure: Tensor) -> Tensor:
+    """Wind ``(B, 3)`` (Wejchert & Haumann 1991) and ``pressure`` ``(B,)`` on the four facets of every cell [N].
+
+    See ``laws.air.wind_forces``; facets of both diagonals count half.
+    """
+    places = (0, 0), (0, 1), (1, 1), (1, 0)  # upper left, upper right, lower right, lower left
+    corners, speeds = ([cut(a, at, scene.grid.cells) for at in places] for a in (x, v))
+    total = torch.zeros_like(x)
+    for one, two, three in ((0, 3, 2), (0, 2, 1), (0, 3, 1), (3, 2, 1)):
+        normal = torch.linalg.cross(corners[two] - corners[one], corners[three] - corners[one], dim=1)
+        force = torch.zeros_like(normal)
+        if scene.pressure:
+            force = force + pressure[:, None, None, None] * normal / 2
+        if scene.wind is not None:
+            twice_area = (_dot(normal, normal) + TINY).sqrt()
+            n = normal / twice_area
+            relative = (speeds[one] + speeds[two] + speeds[three]) / 3 - wind[:, :, None, None]
+            across = _dot(n, relative)
+            slide = relative - across * n
+            speed = (_dot(slide, slide) + TINY).sqrt()
+            stress = scene.wind.normal * across.abs() * across * n + scene.wind.tangential * speed * slide
+            force = force - scene.wind.air_density / 4 * twice_area * stress
+        for corner in (one, two, three):
+            total = total + place(force / 6, places[corner], scene.grid.shape)
+    return total
+
+
+def _dot(a: Tensor, b: Tensor) -> Tensor:
+    return (a * b).sum(1, keepdim=True)
+
+
+def _nearest(ends: Tensor, x: Tensor) -> tuple[Tensor, Tensor]:
+    """Places in [0, 1] on the axes ``ends`` ``(B, 2, 3)`` nearest to ``x`` ``(B, 3, N)``, and the points there."""
+    axis = (ends[:, 1] - ends[:, 0])[:, :, None]
+    s = (_dot(x - ends[:, 0][:, :, None], axis) / _dot(axis, axis).clamp_min(TINY)).clamp(0, 1)
+    return s, (1 - s) * ends[:, 0][:, :, None] + s * ends[:, 1][:, :, None]
+
+
+def contact(
+    body: Collider, x0: Tensor, x1: Tensor, v: Tensor, start: Tensor, end: Tensor, thickness: float, dt: float
+) -> tuple[Tensor, Tensor]:
+    """Corrected ``x1`` and ``v`` ``(B, 3, N)``: see ``laws.bodies.resolve_body``."""
+    radius = body.radius + thickness
+    if body.kind == "plane":
+        n = end[:, 1][:, :, None].expand_as(x1)
+        gap = _dot(n, x1 - end[:, 0][:, :, None]) - radius
+        carried = ((end[:, 0] - start[:, 0]) / dt)[:, :, None]
+        touching = gap < 0
+    else:
+        p0 = x0 - _nearest(start, x0)[1]
+        s, point = _nearest(end, x1)
+        p1, carried = x1 - point, ((1 - s) * (end - start)[:, 0, :, None] + s * (end - start)[:, 1, :, None]) / dt
+        d = p1 - p0
+        outside, along = _dot(p0, p0) - radius * radius, _dot(p0, d)
+        root = along * along - _dot(d, d) * outside
+        first = outside / torch.where(along < 0, root.clamp_min(TINY).sqrt() - along, 1)
+        enters = (outside >= 0) & (along < 0) & (root > 0) & (first <= 1)
+        at = torch.where(enters, p0 + first * d, p0)
+        n = at / (_dot(at, at) + TINY).sqrt()
+        gap = _dot(n, p1) - radius
+        touching = (gap < 0) & (enters | (outside < 0)) & (_dot(p0, p0) > 0)
+    relative = v - carried
+    speed = _dot(n, relative)
+    stop = torch.where(touching, (-speed).clamp_min(0), 0)
+    sliding = relative - speed * n
+    hold = (body.friction * stop / (_dot(sliding, sliding) + TINY).sqrt()).clamp_max(1)
+    return x1 + torch.where(touching, -gap, 0) * n - dt * hold * sliding, v + stop * n - hold * sliding
+
+
+def frame(
+    cell: SheetCell, scene: Scene, sheets: Mapping[str, Tensor], x: Tensor, v: Tensor, start: State, controls: Controls,
+    substeps: int, forces: Sequence[Force] = (),
+) -> tuple[Tensor, Tensor]:  # fmt: skip
+    """``x`` and ``v`` after a frame of ``substeps`` symplectic Euler steps, as ``laws.step``.
+
+    ``start`` is for its bodies, ``forces`` are plugged in [N].
+    """
+
+    def tensor(a: np.ndarray) -> Tensor:
+        return torch.as_tensor(np.ascontiguousarray(a), dtype=x.dtype, device=x.device)
+
+    dt, held, shape = scene.frame_dt, list(scene.handles), x.shape
+    h = dt / substeps
+    decay = torch.exp(-sheets["drag"] * h)
+    lag = torch.where(sheets["drag"] > 0, -torch.expm1(-sheets["drag"] * h) / sheets["drag"].clamp_min(TINY), h)
+    wind, pressure, index = tensor(controls.wind), tensor(controls.pressure), torch.tensor(held, device=x.device)
+    ends = [tensor(a.transpose(0, 2, 1)) for a in (controls.handle_positions, controls.handle_velocities)]
+    handles = [*(a.flatten(2)[..., held] for a in (x, v)), *ends]
+    bodies, *rest = (tensor(a) for part in (start, controls) for a in (part.colliders, part.collider_velocities))
+    cubic = [bodies, *rest]
+    for k in range(1, substeps + 1):
+        force = cell(x, v, sheets)
+        if scene.wind is not None or scene.pressure:
+            force = force + air_forces(scene, x, v, wind, pressure)
+        for extra in forces:
+            force = force + extra(x, v)
+        v = decay * v + lag / cell.mass(sheets) * force
+        before, x = x.flatten(2), x + h * v
+        moved: Tensor = hermite(k / substeps, dt, *cubic)[0]  # type: ignore[arg-type, assignment]
+        for i, body in enumerate(scene.colliders):
+            given = before, x.flatten(2), v.flatten(2), bodies[:, i], moved[:, i]
+            x, v = (a.reshape(shape) for a in contact(body, *given, scene.thickness, h))
+        bodies = moved
+        if held:
+            driven = hermite(k / substeps, dt, *handles)  # type: ignore[arg-type]
+            x, v = (a.flatten(2).index_copy(2, index, b).reshape(shape) for a, b in zip((x, v), driven, strict=True))  # type: ignore[arg-type]
+    return x, v
