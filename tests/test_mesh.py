@@ -11,7 +11,7 @@ import pytest
 
 from cloth_envs.registry import load_task
 from training.bench.benchmark import find
-from training.bench.mesh.run import compare, decimated, gather
+from training.bench.mesh import compare, decimated, gather
 from training.bench.participants import MESH, Participant
 from training.truth import Case, load
 
