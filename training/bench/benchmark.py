@@ -27,7 +27,7 @@ BENCHMARKS: dict[str, str] = {
     "stability": "training.bench.stability.run:BENCHMARK",
     "transfer": "training.bench.transfer.run:BENCHMARK",
     "mesh": "training.bench.mesh:BENCHMARK",
-    "convergence": "training.bench.convergence.run:BENCHMARK",
+    "convergence": "training.bench.convergence:BENCHMARK",
     "peers": "training.bench.peers.run:BENCHMARK",
     "tables": "training.bench.papers.run:BENCHMARK",
     "throughput": "training.bench.throughput:BENCHMARK",
