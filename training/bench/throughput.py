@@ -1,4 +1,4 @@
-"""``minicloth bench throughput``: nanoseconds per vertex and substep, by term, size, threads and batch; whole frames."""
+"""``minicloth bench throughput``: ns per vertex and substep by term, size, threads and batch, and whole frames."""
 
 from __future__ import annotations
 
