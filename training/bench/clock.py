@@ -10,9 +10,8 @@ import numpy as np
 
 from cloth_envs.backend import Backend
 from cloth_envs.state import Controls, State
-from training.bench.measure import built
+from training.bench.measure import Windows, built
 from training.bench.participants import Participant
-from training.bench.windows import Windows
 from training.rollouts import replay
 from training.rows import rounded
 

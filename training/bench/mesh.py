@@ -21,11 +21,10 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from surrogates.miniature.coarse import CLOTH, coarse_scene
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
-from training.bench.measure import HORIZONS, errors
+from training.bench.measure import HORIZONS, Windows, errors, gather, mean
 from training.bench.participants import MESH, Participant, extra, label, truth
-from training.bench.windows import Windows, cut
 from training.rows import rounded
-from training.truth import Case, load
+from training.truth import Case
 
 SEEDS, STARTS = (200, 201), (25, 50, 100)  # frames at which windows begin
 TRUTH, STEM = "g2", "mesh_error"
@@ -71,14 +70,14 @@ def decimated(state: State, fine: Scene, scene: Scene) -> State:
     return State(**(state.arrays() | cloth))
 
 
-def gather(cases: Sequence[Case], starts: Sequence[int], frames: int, cache: Path) -> Windows:
+def fine_windows(cases: Sequence[Case], starts: Sequence[int], frames: int, cache: Path) -> Windows:
     """Windows on the grid of the scene, twice as coarse as that of ``cases``, whose truth is theirs.
 
     Raises:
         ValueError: the fine sheet is held by other handles.
     """
     keep = sorted({start + frame for start in starts for frame in range(frames + 1)})
-    windows = cut([load(case, max(keep), keep, cache) for case in cases], [c.seed for c in cases], starts, frames)
+    windows = gather(cases, starts, frames, keep, cache)
     fine = windows.scene
     scene, handles = coarse_scene(fine, 2, fine.material)
     own = load_task(fine.name).make_scene(resolution=scene.grid.shape, material=fine.material)
@@ -101,7 +100,7 @@ def compare(windows: Windows, participants: Sequence[Participant], horizons: Seq
             error = [row.error_mean for row in seeds if not np.isnan(row.error_mean)] or [float("nan")]
             row = MeshRow(
                 windows.scene.name, start, participant.family, participant.text, frames,
-                sum(row.windows for row in seeds), *grid.shape, grid.row_spacing, float(np.mean(error)), min(error),
+                sum(row.windows for row in seeds), *grid.shape, grid.row_spacing, mean(error), min(error),
                 max(error), "; ".join(row.failure for row in seeds if row.failure),
             )  # fmt: skip
             out.append(rounded(row))
@@ -116,7 +115,7 @@ def measure(session: Session) -> None:
     for scene in tqdm(session.scenes, desc="mesh", disable=None):
         cases = [Case(scene, seed, coarse, TRUTH) for seed in seeds]
         for starts in (STARTS, (0,)):
-            windows = gather(cases, starts, max(HORIZONS), session.cache("truth"))
+            windows = fine_windows(cases, starts, max(HORIZONS), session.cache("truth"))
             session.store(STEM).add(*compare(windows, participants))
 
 
