@@ -19,7 +19,7 @@ from tqdm import tqdm
 
 from cloth_envs.registry import SCENES
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
-from training.bench.clock import COST_KEY, RUN_MS, RUNS, SLOW, TOO_SLOW, CostRow, costs
+from training.bench.clock import RUN_MS, RUNS, SLOW, TOO_SLOW, CostRow, costs
 from training.bench.measure import ERROR_KEY, HORIZONS, ErrorRow, Windows, errors, gather
 from training.bench.participants import FAMILIES, FLOOR, ORACLE, THREADED, Participant, extra, swept, truth
 from training.bench.speed_accuracy.chart import OVERVIEW_FRAMES, STEM, draw
@@ -140,7 +140,7 @@ BENCHMARK = Benchmark(
         STEM: RowFile(SpeedAccuracyRow),
         SPEEDUP: RowFile(SpeedUpRow),
         WINDOWS: RowFile(ErrorRow, ERROR_KEY),
-        COST: RowFile(CostRow, COST_KEY),
+        COST: RowFile(CostRow, ("scene", "rows", "cols", "family", "options", "batch", "threads")),
         LONG: RowFile(LongRow, ERROR_KEY),
     },
     parts=[
