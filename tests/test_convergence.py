@@ -11,22 +11,16 @@ import numpy as np
 import pytest
 
 from cloth_envs.registry import SCENES
+from training.bench import convergence
 from training.bench.benchmark import find
-from training.bench.convergence.rows import (
-    CHAOS_KEY,
-    DATA,
-    ChaosRow,
-    ConvergenceRow,
-    floor,
-    ladders,
-)
-from training.bench.convergence.run import AFTER
+from training.bench.convergence import AFTER, DATA, ChaosRow, ConvergenceRow, floor, ladders
 from training.rows import Store, read_rows
 
 main = find("convergence").main
+CHAOS_KEY = find("convergence").files["chaos_floor"].key
 
 
-def test_the_stored_chaos_floor_grows_with_time() -> None:
+def test_the_stored_chaos_floor_grows_with_time(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = read_rows(DATA, ChaosRow)
     assert {row.scene for row in rows} == set(SCENES)
     for scene in SCENES:
@@ -37,14 +31,16 @@ def test_the_stored_chaos_floor_grows_with_time() -> None:
         assert floor(scene, 7) == pytest.approx(
             np.exp(np.interp(np.log(7), np.log([5, 10]), np.log(found[1:3]))), rel=1e-12
         )
-        assert floor(scene, 10, quantile=0.0) <= floor(scene, 10) <= floor(scene, 10, quantile=1.0)
+        seeds = [row.error for row in rows if (row.scene, row.frames) == (scene, 10)]
+        assert min(seeds) <= floor(scene, 10) <= max(seeds)
     for scene in ("Curtain", "Flag", "Collision"):  # driven and folded: chaos
         found = [floor(scene, frames) for frames in AFTER]
         assert found[0] < found[1] < found[2] < found[3]
     with pytest.raises(ValueError, match="known at frames"):
         floor("Flag", 500)
+    monkeypatch.setattr(convergence, "DATA", Path("nowhere.csv"))
     with pytest.raises(FileNotFoundError, match="bench convergence"):
-        floor("Flag", 5, path=Path("nowhere.csv"))
+        floor("Flag", 5)
 
 
 def test_quick_run_end_to_end_and_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from cloth_envs.registry import load_task
 from training.bench.benchmark import find
-from training.bench.mesh.run import compare, decimated, gather
+from training.bench.mesh import compare, decimated, fine_windows
 from training.bench.participants import MESH, Participant
 from training.truth import Case, load
 
@@ -22,7 +22,7 @@ def test_the_error_of_a_mesh_falls_as_the_square_of_its_spacing(tmp_path: Path) 
     """The springs are a second-order scheme (4 a halving) where the sheet is smooth: taut, and without contact."""
     errors = []
     for coarse in (4, 2):
-        windows = gather([Case("Pressure", 200, coarse, "g2")], (10,), 5, tmp_path)
+        windows = fine_windows([Case("Pressure", 200, coarse, "g2")], (10,), 5, tmp_path)
         (row,) = compare(windows, MESH[:1], (5,))
         assert not row.failure
         errors.append(row.error)
@@ -31,7 +31,7 @@ def test_the_error_of_a_mesh_falls_as_the_square_of_its_spacing(tmp_path: Path) 
 
 def test_windows_are_the_fine_sheet_at_common_vertices(tmp_path: Path) -> None:
     case = Case("Flag", 200, 4, "g2")
-    windows = gather([case], (2,), 3, tmp_path)
+    windows = fine_windows([case], (2,), 3, tmp_path)
     truth = load(case, 5, range(2, 6), tmp_path)
     assert (
         windows.scene.grid.shape
@@ -49,7 +49,7 @@ def test_windows_are_the_fine_sheet_at_common_vertices(tmp_path: Path) -> None:
 
 
 def test_a_changed_material_is_the_reference_with_it(tmp_path: Path) -> None:
-    windows = gather([Case("Flag", 200, 4, "g2")], (2,), 3, tmp_path)
+    windows = fine_windows([Case("Flag", 200, 4, "g2")], (2,), 3, tmp_path)
     same, soft, plain = (
         compare(windows, [participant], (3,))[0].error
         for participant in (replace(CHANGED, options={"compression": 1.0}), CHANGED, Participant("explicit"))
@@ -60,7 +60,7 @@ def test_a_changed_material_is_the_reference_with_it(tmp_path: Path) -> None:
 
 def test_other_handles_on_the_fine_mesh_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="other handles"):  # four rings instead of seven
-        gather([Case("Curtain", 200, 4, "g2")], (1,), 1, tmp_path)
+        fine_windows([Case("Curtain", 200, 4, "g2")], (1,), 1, tmp_path)
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,7 +14,7 @@ import pytest
 
 from cloth_envs.commands.cli import main
 from training.bench.benchmark import BENCHMARKS, find
-from training.bench.mesh.rows import MeshRow
+from training.bench.mesh import MeshRow
 from training.bench.report import run as report
 from training.bench.report.run import survived
 from training.bench.speed_accuracy.rows import SpeedAccuracyRow

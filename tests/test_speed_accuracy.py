@@ -18,11 +18,10 @@ from cloth_envs.state import Controls, State
 from training.bench.baselines import Extrapolation, Offset, Oracle, fractional
 from training.bench.benchmark import find
 from training.bench.clock import costs
-from training.bench.measure import errors, failed_by
+from training.bench.measure import Windows, errors, failed_by, gather
 from training.bench.participants import FAMILIES, Participant, label, truth
 from training.bench.speed_accuracy.long import long_runs, statistics
 from training.bench.speed_accuracy.rows import GATE, SpeedAccuracyRow, front, summaries
-from training.bench.windows import Windows, gather
 from training.rows import read_rows
 from training.truth import Case
 
@@ -37,12 +36,12 @@ def cases() -> list[Case]:
 
 @pytest.fixture(scope="module")
 def windows(cases: list[Case], tmp_path_factory: pytest.TempPathFactory) -> Windows:
-    return gather(cases, (2, 5), 10, 15, tmp_path_factory.mktemp("cache"))
+    return gather(cases, (2, 5), 10, range(16), tmp_path_factory.mktemp("cache"))
 
 
 @pytest.fixture(scope="module")
 def episodes(cases: list[Case], tmp_path_factory: pytest.TempPathFactory) -> Windows:
-    return gather(cases, (0,), 20, 20, tmp_path_factory.mktemp("cache"))
+    return gather(cases, (0,), 20, range(21), tmp_path_factory.mktemp("cache"))
 
 
 class Shifted:

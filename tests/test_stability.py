@@ -18,10 +18,9 @@ from training.bench.benchmark import find
 from training.bench.measure import built
 from training.bench.participants import FAMILIES, STABILITY
 from training.bench.stability import run as stability
-from training.bench.stability.rows import StabilityRow, marks
+from training.bench.stability.rows import Score, StabilityRow, marks
 from training.bench.stability.run import worlds
-from training.bench.stability.runs import Run, pierced, run, truths
-from training.bench.stability.scores import HEIGHT, Score, score
+from training.bench.stability.runs import HEIGHT, Run, pierced, run, score, truths
 from training.bench.stability.worlds import AXES, LENGTHS, Base, Stage, driven, episode, shot
 from training.rows import read_rows
 from training.truth import Case
@@ -223,7 +222,7 @@ def test_worlds_are_what_they_say() -> None:
     np.testing.assert_allclose(way, [0, 8 * ball.scene.frame_dt, 0], atol=1e-12)
     assert ball.controls[-1].colliders[0, 0, 0, 1] == pytest.approx(0.3)
     assert len(worlds(None, list(AXES), range(5), ends=False)) > 300
-    assert {w.scene for w in worlds(["BallDrop"], list(AXES), [0], ends=True)} == {"BallDrop"}
+    assert {scene for _, _, scene, _ in worlds(["BallDrop"], list(AXES), [0], ends=True)} == {"BallDrop"}
 
 
 def test_quick_run_end_to_end_and_again(

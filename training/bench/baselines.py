@@ -19,86 +19,59 @@ from surrogates.miniature.upscaled import Upscaled
 from surrogates.upscale.protocol import INTERPOLATIONS, Interpolation
 
 
-class Baseline:
-    """What is common: no memory."""
-
-    memory: Mapping[str, np.ndarray] = {}
-
-    def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-        self.state: State
-
-    def recall(self, memory: Mapping[str, np.ndarray]) -> None:
-        """There is nothing to take back."""
-
-
 def _moved(state: State, controls: Controls, cloth: Mapping[str, np.ndarray]) -> State:
     """``cloth`` with the bodies, wind and pressure of ``controls``."""
     driven = {name: getattr(controls, name) for name in ("colliders", "collider_velocities", "wind", "pressure")}
     return State(**{**state.arrays(), **driven, **cloth})
 
 
-class Extrapolation(Baseline):
+class Extrapolation:
     """No physics: the last known frame again, or on at its velocity with ``moving``."""
 
     def __init__(self, scene: Scene, *, num_envs: int = 1, moving: bool = False) -> None:
-        super().__init__(scene)
-        self._moving = moving
+        self.scene, self._moving = scene, moving
 
-    def reset(
-        self, state: State, materials: Sequence[Material] | None = None, which: Sequence[int] | None = None
-    ) -> None:
-        """Start from ``state``."""
+    def reset(self, state: State, materials: Sequence[Material] | None = None) -> None:
         self.state = state.astype(np.float32)
         self.state.velocities *= self._moving
 
     def advance(self, controls: Controls) -> State:
-        """A frame later."""
-        now = self.state
-        x = now.positions + np.float32(self.scene.frame_dt) * now.velocities
-        self.state = _moved(now, controls, {"positions": x})
+        x = self.state.positions + np.float32(self.scene.frame_dt) * self.state.velocities
+        self.state = _moved(self.state, controls, {"positions": x})
         return self.state
 
 
-class Oracle(Baseline):
+class Oracle:
     """The exact coarse cloth, upscaled: what interpolation alone loses. ``truth`` is that of every frame."""
 
     def __init__(
         self, scene: Scene, *, num_envs: int = 1, truth: Sequence[State] = (), factor: float = 2,
         upscaler: str = "bicubic",
     ) -> None:  # fmt: skip
-        super().__init__(scene)
-        self._truth, self._grid = truth, coarse_grid(scene.grid, factor)
-        self._up = weights(self._grid, scene.grid, INTERPOLATIONS[upscaler])
+        self._truth, self._grids = truth, (scene.grid, coarse_grid(scene.grid, factor))
+        self._up = weights(self._grids[1], scene.grid, INTERPOLATIONS[upscaler])
 
-    def reset(
-        self, state: State, materials: Sequence[Material] | None = None, which: Sequence[int] | None = None
-    ) -> None:
-        """Start from ``state``, the first of the truth."""
+    def reset(self, state: State, materials: Sequence[Material] | None = None) -> None:
         self._frame = 0
 
     def advance(self, controls: Controls) -> State:
-        """A frame later."""
         self._frame += 1
         now, (rows, cols) = self._truth[self._frame], self._up
-        small = {name: resample(getattr(now, name), self.scene.grid, self._grid) for name in CLOTH}
-        return _moved(now, controls, {name: rows @ small[name] @ cols.T for name in CLOTH})
+        cloth = {name: rows @ resample(getattr(now, name), *self._grids) @ cols.T for name in CLOTH}
+        return _moved(now, controls, cloth)
 
 
-class Offset(Baseline):
+class Offset:
     """A miniature plus what its upscaled start lacked: the fine detail of the start stays for ever."""
 
     def __init__(self, scene: Scene, *, num_envs: int = 1, factor: int = 2, scaling: str = "similar") -> None:
-        super().__init__(scene)
+        self.scene = scene
         self._miniature = MiniatureBackend(scene, num_envs=num_envs, factor=factor, scaling=scaling, upscaler="bicubic")
 
-    def reset(
-        self, state: State, materials: Sequence[Material] | None = None, which: Sequence[int] | None = None
-    ) -> None:
+    def reset(self, state: State, materials: Sequence[Material] | None = None) -> None:
         """Start from ``state``; what the coarse cloth lacks of it is kept as ``lack``."""
         self._miniature.reset(state, materials)
-        coarse = self._miniature.coarse
-        self.lack = {}
+        coarse, self.lack = self._miniature.coarse, {}
         for name in CLOTH:
             lack = getattr(state, name) - resample(getattr(coarse.state, name), coarse.scene.grid, self.scene.grid)
             lack.reshape(*lack.shape[:2], -1)[..., list(self.scene.handles)] = 0.0

@@ -26,11 +26,11 @@ BENCHMARKS: dict[str, str] = {
     "speed-accuracy": "training.bench.speed_accuracy.run:BENCHMARK",
     "stability": "training.bench.stability.run:BENCHMARK",
     "transfer": "training.bench.transfer.run:BENCHMARK",
-    "mesh": "training.bench.mesh.run:BENCHMARK",
-    "convergence": "training.bench.convergence.run:BENCHMARK",
+    "mesh": "training.bench.mesh:BENCHMARK",
+    "convergence": "training.bench.convergence:BENCHMARK",
     "peers": "training.bench.peers.run:BENCHMARK",
     "tables": "training.bench.papers.run:BENCHMARK",
-    "throughput": "training.bench.throughput.run:BENCHMARK",
+    "throughput": "training.bench.throughput:BENCHMARK",
 }
 
 

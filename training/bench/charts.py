@@ -13,10 +13,10 @@ WIDTH, COLUMNS, PANEL = 7.2, 2, 2.55  # inches: the width of a page, and the hei
 SHADE, SOFT = "#b9c2c9", "#66727c"
 
 
-def grid(count: int, ylabel: str) -> tuple[Any, list[Any]]:
-    """A figure as wide as a page and at least ``count`` panels; ``ylabel`` is told once a line."""
+def grid(count: int, ylabel: str, *, panel: float = PANEL, rest: float = 0.5) -> tuple[Any, list[Any]]:
+    """A page-wide figure of at least ``count`` panels, ``panel`` inches high; ``ylabel`` is told once a line."""
     high = -(-count // COLUMNS)
-    figure = import_figure()(figsize=(WIDTH, PANEL * high + 0.5), layout="constrained")
+    figure = import_figure()(figsize=(WIDTH, panel * high + rest), layout="constrained")
     figure.get_layout_engine().set(hspace=0.04, wspace=0.04)
     panels = figure.subplots(high, COLUMNS, squeeze=False).ravel().tolist()
     for axes in panels[count:]:

@@ -10,9 +10,8 @@ import numpy as np
 
 from cloth_envs.backend import Backend
 from cloth_envs.state import Controls, State
-from training.bench.measure import built
+from training.bench.measure import Windows, built
 from training.bench.participants import Participant
-from training.bench.windows import Windows
 from training.rollouts import replay
 from training.rows import rounded
 
@@ -49,16 +48,13 @@ class CostRow:
     failure: str
 
 
-COST_KEY = ("scene", "rows", "cols", "family", "options", "batch", "threads")
-
-
 def timed(
     backend: Backend, start: State, controls: Sequence[Controls], count: int, *, alone: bool
 ) -> tuple[np.ndarray, bool]:
     """Median seconds of a frame, of its step and of its upscaling; and whether others disturbed every frame.
 
-    ``count`` frames are timed, from the start again where ``controls`` end. ``alone``: one thread computes, and
-    frames that it shared the processor in can be told.
+    Of ``count`` frames, from the start again where ``controls`` end. ``alone``: one thread computes, and frames that
+    it shared the processor in can be told.
     """
     frames = chain.from_iterable(replay(backend, *given) for given in repeat((start, controls)))
     wall, step, _, thread = np.array([seconds for _, seconds in islice(frames, count)]).T
@@ -70,17 +66,12 @@ def timed(
 
 
 def costs(
-    participants: Sequence[Participant],
-    windows: Windows,
-    *,
-    batch: int = 1,
-    threads: int = 1,
-    runs: int = RUNS,
+    participants: Sequence[Participant], windows: Windows, *, batch: int = 1, threads: int = 1, runs: int = RUNS,
     run_ms: float = RUN_MS,
-) -> list[CostRow]:
+) -> list[CostRow]:  # fmt: skip
     """Time ``participants`` in turn, so that a busy moment of the machine hits all alike; the too slow for a frame."""
     scene = windows.scene
-    start = State(**{n: np.repeat(a[:1], batch, 0) for n, a in windows.truth[0].arrays().items()})
+    start = windows.truth[0].select([0] * batch)
     controls = [Controls(**{n: np.repeat(a[:1], batch, 0) for n, a in vars(c).items()}) for c in windows.controls]
     backends = [built(participant, scene, start, threads) for participant in participants]
     times: list[list[np.ndarray]] = [[] for _ in participants]

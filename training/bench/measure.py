@@ -1,10 +1,11 @@
-"""The engine of all benchmarks: runs a participant from the truth and tells its errors, its failures and its time."""
+"""The engine of all benchmarks: runs a participant from stretches of truth and tells errors, failures and time."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
-from functools import lru_cache
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,63 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from training import metrics
 from training.bench.participants import FLOOR, NO_PHYSICS, Participant
-from training.bench.windows import Windows
+from training.cache import digest
 from training.metrics.contact import HAS_IPCTK, crossing_triangles
 from training.metrics.errors import displacement_span, distances
-from training.rollouts import Seconds, nudge, replay
+from training.rollouts import Seconds, nudge, replay, stack_controls, stack_states
 from training.rows import rounded
+from training.truth import Case, load
 
 HORIZONS = (1, 5, 10, 25)  # frames
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """B stretches of truth, the first window of every seed first. ``truth[t]`` is the batch after t frames."""
+
+    scene: Scene
+    seeds: tuple[int, ...]
+    starts: tuple[int, ...]
+    controls: list[Controls]
+    truth: list[State]
+    key: str
+
+    @cached_property
+    def span(self) -> np.ndarray:
+        """Range of the truth's displacements from its mean, ``(3,)`` [m], for PSNR."""
+        everything = np.concatenate([s.positions for s in self.truth])
+        return displacement_span(everything, everything.mean(0))
+
+    @cached_property
+    def crossings(self) -> np.ndarray:
+        """Pairs of crossing triangles at the end of every seed's first window."""
+        return crossing_triangles(self.scene.grid, self.truth[-1].positions[: self.starts.count(self.starts[0])])
+
+    def first(self, count: int) -> Windows:
+        """The first ``count`` of the batch."""
+        if count >= len(self.seeds):
+            return self
+        controls = [Controls(**{n: a[:count] for n, a in vars(c).items()}) for c in self.controls]
+        truth = [state.select(slice(count)) for state in self.truth]
+        return replace(self, seeds=self.seeds[:count], starts=self.starts[:count], controls=controls, truth=truth)
+
+    def until(self, frames: int) -> Windows:
+        """The first ``frames`` of every stretch."""
+        return replace(self, controls=self.controls[:frames], truth=self.truth[: frames + 1])
+
+
+def gather(cases: Sequence[Case], starts: Sequence[int], frames: int, keep: Sequence[int], cache: Path) -> Windows:
+    """Windows of ``frames`` frames from every start of every case, whose truths keep frames ``keep`` in ``cache``."""
+    truths = [load(case, max(keep), keep, cache) for case in cases]
+    members = [(truth, start) for start in starts for truth in truths]
+    return Windows(
+        truths[0].scene,
+        tuple(case.seed for case in cases) * len(starts),
+        tuple(start for _, start in members),
+        [stack_controls([truth.controls[start + i] for truth, start in members]) for i in range(frames)],
+        [stack_states([truth.states[start + i] for truth, start in members]) for i in range(frames + 1)],
+        digest(*(truth.key for truth in truths)),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,32 +198,17 @@ ERROR_KEY = ("scene", "rows", "cols", "family", "options", "seed", "frames", "tr
 MEASURED = [f.name for f in fields(ErrorRow) if f.type == "float"]
 
 
-@lru_cache(maxsize=2)
-def _truth_span(windows: Windows) -> np.ndarray:
-    """Range of the truth's displacements from its mean, ``(3,)`` [m], for PSNR."""
-    everything = np.concatenate([s.positions for s in windows.truth])
-    return displacement_span(everything, everything.mean(0))
-
-
-@lru_cache(maxsize=2)
-def _truth_crossings(windows: Windows, frames: int) -> np.ndarray:
-    """Pairs of crossing triangles in the first window of every seed."""
-    first = sum(start == windows.starts[0] for start in windows.starts)
-    return crossing_triangles(windows.scene.grid, windows.truth[frames].positions[:first])
-
-
 def errors(
     participant: Participant, windows: Windows, threads: int = 1, horizons: Sequence[int] = HORIZONS
 ) -> list[ErrorRow]:
     """Run the windows and compare them with the truth; one row for each seed and horizon."""
     scene, found, out = windows.scene, follow(participant, windows, threads), []
     for frames in horizons:
-        values = _compared(found, windows, frames, crossings=frames == horizons[-1] and HAS_IPCTK)
+        values = _compared(found, windows, frames)
         for seed in dict.fromkeys(windows.seeds):
             mine = [i for i, s in enumerate(windows.seeds) if s == seed]
             bad = [found.failures[i] for i in mine if failed_by(found.failures[i], frames)]
-            kept = {n: v[mine][~np.isnan(v[mine])] for n, v in values.items()}
-            means: dict[str, Any] = {n: float(v.mean()) if len(v) else np.nan for n, v in kept.items()}
+            means: dict[str, Any] = {name: mean(value[mine]) for name, value in values.items()}
             row = ErrorRow(
                 scene.name, *scene.grid.shape, participant.family, participant.text, seed, frames, windows.key,
                 len(mine), **means, failure=f"{len(bad)} of {len(mine)}: {bad[0]}" if bad else "",
@@ -181,21 +217,27 @@ def errors(
     return out
 
 
-def _compared(found: Run, windows: Windows, frames: int, *, crossings: bool) -> dict[str, np.ndarray]:
+def mean(values: Any) -> float:
+    """Of those that are known."""
+    known = np.asarray(values)[~np.isnan(values)]
+    return float(known.mean()) if len(known) else float("nan")
+
+
+def _compared(found: Run, windows: Windows, frames: int) -> dict[str, Any]:
     """``MEASURED`` of every window ``(B,)`` after ``frames``, NaN of those that failed."""
-    values: dict[str, np.ndarray] = {name: np.full(len(found.failures), np.nan) for name in MEASURED}
+    values = {name: np.full(len(found.failures), np.nan) for name in MEASURED}
     good = np.flatnonzero([not failed_by(reason, frames) for reason in found.failures])
     if frames >= len(found.states) or not len(good):
         return values
     scene = windows.scene
     states, true = ([s.select(good) for s in part[: frames + 1]] for part in (found.states, windows.truth))
-    told = metrics.at_frame(scene, states[-1], true[-1], span=_truth_span(windows))
+    told = metrics.at_frame(scene, states[-1], true[-1], span=windows.span)
     if frames >= 2:
         told |= metrics.over_frames(scene, states, true)
     for name, value in told.items():
         values[name][good] = value
-    few = [i for i, member in enumerate(good) if windows.starts[member] == windows.starts[0]]
-    if crossings and few:
-        values["crossings"][good[few]] = crossing_triangles(scene.grid, states[-1].positions[few])
-        values["crossings_truth"][good[few]] = _truth_crossings(windows, frames)[good[few]]
+    if HAS_IPCTK and frames == len(windows.controls):
+        few = good[good < len(windows.crossings)]
+        values["crossings"][few] = crossing_triangles(scene.grid, states[-1].positions[: len(few)])
+        values["crossings_truth"][few] = windows.crossings[few]
     return values

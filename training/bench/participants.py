@@ -19,13 +19,11 @@ Options = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Participant:
-    """One setting of one method.
+    """One setting of one method: a point of the curve ``family``.
 
     Attributes:
-        family: the curve that it is a point of.
         backend: its name, or ``"module:factory"``.
-        options: what tells it from others of its family.
-        fixed: options that the whole family has.
+        options, fixed: what tells it from others of its family, and what all of them have.
         name: what a chart with a line a participant calls it, if not by family and options.
         coarse: it runs on grids so many times coarser, where it is too slow for the scene's.
     """
@@ -60,11 +58,9 @@ class Participant:
             ValueError: it refuses the scene, its material or an option.
             ImportError: a package that it needs is missing.
         """
-        known = keywords(load_backend(self.backend))
-        given: dict[str, Any] = {"truth": truth} if "truth" in known else {}
-        if threads > 1 and "threads" in known:
-            given["threads"] = threads
-        return make_backend(self.backend, scene, num_envs=num_envs, backend_kwargs=self.whole | given)
+        given = {"truth": truth} | ({"threads": threads} if threads > 1 else {})
+        taken = {name: given[name] for name in given.keys() & keywords(load_backend(self.backend))}
+        return make_backend(self.backend, scene, num_envs=num_envs, backend_kwargs=self.whole | taken)
 
 
 def label(family: str, options: str) -> str:
@@ -75,25 +71,22 @@ def label(family: str, options: str) -> str:
     return " ".join(words)
 
 
+def _sweep(family: str, backend: str, *sweep: Options, **fixed: Any) -> list[Participant]:
+    return [Participant(family, backend, options, fixed) for options in sweep or ({},)]
+
+
 def _solver(family: str, *sweep: Options, **fixed: Any) -> list[Participant]:
-    return [Participant(family, "reference", o, {"solver": family.split()[0], **fixed}) for o in sweep or ({},)]
+    return _sweep(family, "reference", *sweep, solver=family.split()[0], **fixed)
 
 
 def _miniature(family: str, *factors: float, **fixed: Any) -> list[Participant]:
     """Of grids ``factors`` times coarser; 1.5 is for measuring only."""
-    upscaler = fixed.get("upscaler", "bicubic")
-    return [
-        Participant(family, "miniature", {"factor": n}, fixed)
-        if n != 1.5
-        else Participant(family, f"{__package__}.baselines:fractional", {"factor": n}, {"upscaler": upscaler})
-        for n in factors or (2, 3, 4)
-    ]
+    sweep = _sweep(family, "miniature", *({"factor": n} for n in factors or (2, 3, 4)), **fixed)
+    odd, upscaler = f"{BASELINES}:fractional", {"upscaler": fixed.get("upscaler", "bicubic")}
+    return [replace(p, backend=odd, fixed=upscaler) if p.options["factor"] == 1.5 else p for p in sweep]
 
 
-def _baseline(family: str, factory: str, *sweep: Options, **fixed: Any) -> list[Participant]:
-    return [Participant(family, f"{__package__}.baselines:{factory}", o, fixed) for o in sweep or ({},)]
-
-
+BASELINES = f"{__package__}.baselines"
 ALL, FACTORS = (1.5, 2, 3, 4), [{"factor": n} for n in (2, 3, 4)]
 ORACLE, FLOOR = "oracle coarse", "chaos floor"
 # Add a method by a line.
@@ -116,11 +109,11 @@ FAMILIES: dict[str, list[Participant]] = {
         _miniature("closure local", scaling="closure", upscaler="local"),
         _miniature("closure learned", 2, 4, scaling="closure", correction="learned"),
         [Participant("cnn", "cnn")],
-        _baseline("similar + offset", "Offset", *FACTORS, scaling="similar"),
-        _baseline("calibrated + offset", "Offset", *FACTORS, scaling="calibrated"),
-        _baseline("repeat last frame", "Extrapolation"),
-        _baseline("constant velocity", "Extrapolation", moving=True),
-        _baseline(ORACLE, "Oracle", *({"factor": n, "upscaler": u} for u in INTERPOLATIONS for n in ALL)),
+        _sweep("similar + offset", f"{BASELINES}:Offset", *FACTORS, scaling="similar"),
+        _sweep("calibrated + offset", f"{BASELINES}:Offset", *FACTORS, scaling="calibrated"),
+        _sweep("repeat last frame", f"{BASELINES}:Extrapolation"),
+        _sweep("constant velocity", f"{BASELINES}:Extrapolation", moving=True),
+        _sweep(ORACLE, f"{BASELINES}:Oracle", *({"factor": n, "upscaler": u} for u in INTERPOLATIONS for n in ALL)),
     )
 }
 NO_PHYSICS = ("repeat last frame", "constant velocity", ORACLE)  # an edge too long is no failure of these
@@ -176,7 +169,7 @@ CONVERGENCE = [
 MESH = [
     _one("explicit", dtype="float64", refine=4),  # truth G1: of its error only the mesh is left
     # Stands for wrinkles that the mesh can't hold.
-    *_baseline("changed material", "changed", {"compression": 0.1}),
+    *_sweep("changed material", f"{BASELINES}:changed", {"compression": 0.1}),
     _one("miniature similar", factor=2),
     _one("closure local", factor=2),
     _one("closure local", factor=4),

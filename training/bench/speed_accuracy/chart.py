@@ -22,13 +22,12 @@ OVERVIEW_FRAMES = 5
 
 @dataclass(frozen=True)
 class Curve:
-    """How a family is drawn; colours are Okabe & Ito's (2008), distinct for every kind of colour vision."""
+    """How a family is drawn (dotted: small); colours are Okabe & Ito's (2008), distinct for every colour vision."""
 
     name: str
     color: str
     marker: str
     line: str = "-"
-    small: bool = False
 
 
 CURVES = {
@@ -40,16 +39,16 @@ CURVES = {
     "miniature seed": Curve("miniature, seed scaling", "#CC79A7", "s"),
     "miniature similar": Curve("miniature, similar (coarse + bicubic)", "#E69F00", "^"),
     "miniature calibrated": Curve("miniature, calibrated", "#D55E00", "P"),
-    "calibrated ridge": Curve("calibrated, ridge upscaler", "#D55E00", "1", ":", True),
+    "calibrated ridge": Curve("calibrated, ridge upscaler", "#D55E00", "1", ":"),
     "calibrated local": Curve("calibrated, local network", "#D55E00", "*", "--"),
     "miniature closure": Curve("miniature, closure", "#000000", "p"),
     "closure local": Curve("closure, local network", "#000000", "*", "--"),
     "closure learned": Curve("closure, learned correction", "#D81B60", "P", "--"),
     "cnn": Curve("physics-embedded CNN, full grid", "#4B0082", "h"),
-    "calibrated + offset": Curve("calibrated + constant offset", "#D55E00", "+", ":", True),
-    "similar + offset": Curve("similar + constant offset", "#E69F00", "+", ":", True),
-    "coarse bilinear": Curve("coarse + bilinear", "#8a6d1f", "1", ":", True),
-    "coarse biquadratic": Curve("coarse + biquadratic", "#8a6d1f", "2", ":", True),
+    "calibrated + offset": Curve("calibrated + constant offset", "#D55E00", "+", ":"),
+    "similar + offset": Curve("similar + constant offset", "#E69F00", "+", ":"),
+    "coarse bilinear": Curve("coarse + bilinear", "#8a6d1f", "1", ":"),
+    "coarse biquadratic": Curve("coarse + biquadratic", "#8a6d1f", "2", ":"),
 }
 ORDER = [curve.name for curve in CURVES.values()]
 STEM, ERROR = "speed_accuracy", "mean vertex error [% of length]"
@@ -68,19 +67,17 @@ def _curve(axes: Any, curve: Curve, rows: Sequence[SpeedAccuracyRow], value: str
     from matplotlib.lines import Line2D
 
     x, y = [r.ms_median for r in rows], [getattr(r, value) for r in rows]
-    look: dict[str, Any] = {"color": curve.color, "ls": curve.line, "lw": 0.8 if curve.small else 1.3}
+    small = curve.line == ":"
+    look: dict[str, Any] = {"color": curve.color, "ls": curve.line, "lw": 0.8 if small else 1.3}
     edge = curve.color if curve.marker in "+12" else "white"
-    dot: dict[str, Any] = {"marker": curve.marker, "ms": 4 if curve.small else 5.5, "mec": edge, "mew": 0.7}
+    dot: dict[str, Any] = {"marker": curve.marker, "ms": 4 if small else 5.5, "mec": edge, "mew": 0.7}
     whole = [i for i, row in enumerate(rows) if not row.failure]  # the others are means of what survived
     axes.plot([x[i] for i in whole], [y[i] for i in whole], zorder=3, **look)
     axes.hlines(y, [r.ms_q1 for r in rows], [r.ms_q3 for r in rows], color=curve.color, lw=0.8, zorder=3)
+    failed, late = {"marker": "x", "mec": curve.color}, {"mfc": "white", "mec": curve.color, "mew": 1.0}
     for row, *at in zip(rows, x, y, strict=True):
-        own = dict(dot)
-        if row.failure:
-            own |= {"marker": "x", "mec": curve.color}
-        elif not row.passes:
-            own |= {"mfc": "white", "mec": curve.color, "mew": 1.0}
-        axes.plot(*at, color=curve.color, zorder=4, **own)
+        own = failed if row.failure else {} if row.passes else late
+        axes.plot(*at, color=curve.color, zorder=4, **dot | own)
     return Line2D([], [], **look, **dot)
 
 
@@ -126,27 +123,23 @@ def _beside(axes: Any, rows: Sequence[SpeedAccuracyRow], oracle: Sequence[SpeedA
 
     halo = [withStroke(linewidth=2, foreground="white")]
     left, right = axes.get_xlim()
-    lines = [getattr(r, value) for r in rows if r.family in LINES]
+
+    def tell(text: str, at: tuple[float, float], off: tuple[float, float], ha: str, va: str, color: str = INK) -> None:
+        axes.annotate(text, at, off, textcoords="offset points", ha=ha, va=va, fontsize=6.5, color=color,
+                      path_effects=halo, zorder=5)  # fmt: skip
+
+    highest = max((getattr(r, value) for r in rows if r.family in LINES), default=np.nan)
     for r in rows:
         at = getattr(r, value)
-        top = bool(lines) and at == max(lines)
         if r.family in LINES and value == "error":
             axes.axhline(at, color=SOFT, ls=(0, (1, 2)), lw=0.9, zorder=2)
-            axes.annotate(
-                LINES[r.family], (right, at), (-2, 1.5 if top else -2), textcoords="offset points", ha="right",
-                va="bottom" if top else "top", fontsize=6.5, color=SOFT, path_effects=halo, zorder=5,
-            )  # fmt: skip
+            off, va = (1.5, "bottom") if at == highest else (-2, "top")
+            tell(LINES[r.family], (right, at), (-2, off), "right", va, SOFT)
         if r.family in LABELLED and np.isfinite(r.ms_median):
-            axes.annotate(
-                f"\u00d7{factor_of(r.options):g}", (r.ms_median, at), (0, 5), textcoords="offset points", ha="center",
-                va="bottom", fontsize=6.5, color=INK, path_effects=halo, zorder=5,
-            )  # fmt: skip
+            tell(f"\u00d7{factor_of(r.options):g}", (r.ms_median, at), (0, 5), "center", "bottom")
     for r in oracle:
         axes.plot([left, left * (right / left) ** 0.045], [r.error] * 2, color=INK, lw=1.4, zorder=4, clip_on=False)
-        axes.annotate(
-            f"\u00d7{factor_of(r.options):g}", (left * (right / left) ** 0.05, r.error), (1, 0),
-            textcoords="offset points", ha="left", va="center", fontsize=6.5, color=INK, path_effects=halo, zorder=5,
-        )  # fmt: skip
+        tell(f"\u00d7{factor_of(r.options):g}", (left * (right / left) ** 0.05, r.error), (1, 0), "left", "center")
 
 
 NOTE = (
@@ -156,47 +149,32 @@ NOTE = (
 )
 
 
-def scene(rows: Sequence[SpeedAccuracyRow], name: str, folder: Path, *, setup: str) -> None:
-    """A panel a horizon, and one for the statistics of long runs."""
-    mine = [r for r in rows if r.scene == name]
-    horizons = sorted({r.frames for r in mine})
-    figure, panels = grid(len(horizons) + 1, ERROR)
+def draw(rows: Mapping[str, Sequence[SpeedAccuracyRow]], folder: Path, setup: str) -> None:
+    """A chart a scene, a panel a horizon and one for long runs; and one of all scenes after 5 frames."""
+    found = rows.get(STEM, [])
+    names = list(dict.fromkeys(row.scene for row in found))
+    for name in names:
+        at = {h: [r for r in found if (r.scene, r.frames) == (name, h)] for h in sorted({r.frames for r in found})}
+        parts = [(f"{name}, after {h} frame{'s' * (h > 1)}", mine, "error") for h, mine in at.items() if mine]
+        _figure([*parts, (f"{name}, long runs", parts[-1][1], "long")], f"{STEM}_{name.lower()}", folder, setup)
+    h = OVERVIEW_FRAMES
+    alike = [(f"{n}, after {h} frames", [r for r in found if (r.scene, r.frames) == (n, h)], "error") for n in names]
+    if alike:
+        _figure(alike, STEM, folder, setup)
+
+
+def _figure(parts: Sequence[tuple[str, Sequence[SpeedAccuracyRow], str]], stem: str, folder: Path, setup: str) -> None:
+    """A panel for each title, rows and value."""
+    figure, panels = grid(len(parts), ERROR)
     handles: dict[str, Any] = {}
-    for axes, frames in zip(panels, horizons, strict=False):
-        handles |= panel(axes, [r for r in mine if r.frames == frames])
-        dress(axes, f"{name}, after {frames} frame{'s' * (frames > 1)}")
-    long = panels[len(horizons)]
-    handles |= panel(long, [r for r in mine if r.frames == horizons[-1]], value="long")
-    dress(long, f"{name}, long runs")
-    long.set_ylabel("distance of the statistics [%]", fontsize=7.5, color=INK)
-    if len(panels) > len(horizons) + 1:
+    for axes, (title, rows, value) in zip(panels, parts, strict=False):
+        handles |= panel(axes, rows, value=value)
+        dress(axes, title)
+        if value == "long":
+            axes.set_ylabel("distance of the statistics [%]", fontsize=7.5, color=INK)
+    if len(panels) > len(parts):
         legend(panels[-1], handles, ORDER, "center left", 1)
     else:
         legend(figure, handles, ORDER, "outside upper center", 3)
-    _finish(figure, f"{STEM}_{name.lower()}", folder, setup)
-
-
-def overview(rows: Sequence[SpeedAccuracyRow], folder: Path, *, setup: str, frames: int = OVERVIEW_FRAMES) -> None:
-    """A panel a scene, at one horizon."""
-    names = list(dict.fromkeys(r.scene for r in rows))
-    figure, panels = grid(len(names), ERROR)
-    handles: dict[str, Any] = {}
-    for axes, name in zip(panels, names, strict=False):
-        handles |= panel(axes, [r for r in rows if (r.scene, r.frames) == (name, frames)])
-        dress(axes, f"{name}, after {frames} frames")
-    legend(figure, handles, ORDER, "outside upper center", 3)
-    _finish(figure, STEM, folder, setup)
-
-
-def _finish(figure: Any, stem: str, folder: Path, setup: str) -> None:
     figure.supxlabel("wall-clock time of a simulated frame, one thread [ms]", fontsize=8.5, color=INK)
     save(figure, f"{setup}. {NOTE}", folder, stem)
-
-
-def draw(rows: Mapping[str, Sequence[SpeedAccuracyRow]], folder: Path, setup: str) -> None:
-    """One chart a scene, and one of all scenes after 5 frames."""
-    found = rows.get(STEM, [])
-    for name in dict.fromkeys(row.scene for row in found):
-        scene(found, name, folder, setup=setup)
-    if found:
-        overview(found, folder, setup=setup)

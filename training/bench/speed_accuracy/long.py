@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,8 @@ from cloth_envs.physics.laws.budget import slow_motion
 from cloth_envs.physics.laws.diagnostics import strains
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
-from training.bench.measure import failed_by, follow
+from training.bench.measure import Windows, failed_by, follow
 from training.bench.participants import Participant
-from training.bench.windows import Windows
 from training.rows import rounded
 
 BURN_IN = 25  # frames that statistics leave out
@@ -62,12 +60,6 @@ def statistics(scene: Scene, states: Sequence[State]) -> dict[str, np.ndarray]:
     }
 
 
-@lru_cache(maxsize=2)
-def _truth_statistics(windows: Windows, burn_in: int) -> dict[str, np.ndarray]:
-    """``statistics`` of the truth after ``burn_in`` frames."""
-    return statistics(windows.scene, windows.truth[burn_in:])
-
-
 def gate_frames(scene: Scene) -> int:
     """Frames that the height gate looks at."""
     return round(np.ceil(WINDOW / scene.frame_dt - 1e-9))
@@ -75,21 +67,20 @@ def gate_frames(scene: Scene) -> int:
 
 def long_runs(participant: Participant, windows: Windows, threads: int = 1, burn_in: int = BURN_IN) -> list[LongRow]:
     """Run whole episodes; one row for each seed. Episodes no longer than ``burn_in`` have a gate and no statistics."""
-    scene, truth = windows.scene, windows.truth
-    found = follow(participant, windows, threads)
-    names, settled = ("height", "bending", "kinetic", "strain"), len(truth) > burn_in + 1
-    if settled:
-        true = _truth_statistics(windows, burn_in)
+    scene, truth, early = windows.scene, windows.truth, gate_frames(windows.scene)
+    found, true, scales = follow(participant, windows, threads), {}, {}
+    if len(truth) > burn_in + 1:
+        true = statistics(scene, truth[burn_in:])
         scales = {"height": true["height"].std(), "strain": abs(true["strain"]).mean()}
         scales |= {name: true[name].mean() for name in ("bending", "kinetic")}
     out = []
     for i, (seed, reason) in enumerate(zip(windows.seeds, found.failures, strict=True)):
-        parts: dict[str, Any] = dict.fromkeys(names, float("nan"))
-        if settled and not reason:
+        parts: dict[str, Any] = dict.fromkeys(("height", "bending", "kinetic", "strain"), float("nan"))
+        if true and not reason:
             for name, values in statistics(scene, [s.select([i]) for s in found.states[burn_in:]]).items():
                 gaps = np.abs(np.sort(values[0]) - np.sort(true[name][i]))
                 parts[name] = float(gaps.mean() / scales[name])
-        gate, early = float("inf"), gate_frames(scene)
+        gate = float("inf")
         if not failed_by(reason, early):
             run, fell = ([s.select([i]) for s in part[: early + 1]] for part in (found.states, truth))
             gate = float(slow_motion(scene, run, fell).fraction[0])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from training.bench.clock import CostRow
-from training.bench.measure import MEASURED, ErrorRow
+from training.bench.measure import MEASURED, ErrorRow, mean
 from training.bench.participants import FLOOR, ORACLE, label
 from training.bench.speed_accuracy.long import LongRow
 from training.rows import rounded
@@ -74,28 +74,19 @@ def factor_of(options: str) -> float:
     return float(json.loads(options).get("factor", 2))
 
 
-def mean(values: Sequence[float]) -> float:
-    """Of those that are known."""
-    known = [v for v in values if not np.isnan(v)]
-    return float(np.mean(known)) if known else float("nan")
-
-
 def summaries(scores: Sequence[ErrorRow], costs: Sequence[CostRow], longs: Sequence[LongRow]) -> list[SpeedAccuracyRow]:
     """One row for each scene, method and horizon."""
     groups: dict[tuple[str, str, str, int], list[ErrorRow]] = {}
     for s in scores:
         groups.setdefault((s.scene, s.family, s.options, s.frames), []).append(s)
     errors = {key: mean([s.error_mean for s in mine]) for key, mine in groups.items()}
+    bases = {(s, factor_of(o), h): e for (s, f, o, h), e in errors.items() if f == BASELINE}
     times = {(c.scene, c.family, c.options): c for c in costs if c.batch == 1}
     out = []
     for (scene, family, options, frames), mine in groups.items():
-        key = scene, family, options
-        time = times.get(key)
-        runs = [r for r in longs if (r.scene, r.family, r.options) == key]
-        base = next(
-            (e for (s, f, o, h), e in errors.items()
-             if (s, f, h) == (scene, BASELINE, frames) and factor_of(o) == factor_of(options)), np.nan,
-        )  # fmt: skip
+        time = times.get((scene, family, options))
+        runs = [r for r in longs if (r.scene, r.family, r.options) == (scene, family, options)]
+        error = errors[scene, family, options, frames]
         own = [s.error_mean for s in mine if not np.isnan(s.error_mean)] or [float("nan")]
         means = {n: mean([getattr(s, n) for s in mine]) for n in MEASURED if n in SpeedAccuracyRow.__dataclass_fields__}
         failed = [s.failure.split(" of ", 1) for s in mine if s.failure]
@@ -108,11 +99,11 @@ def summaries(scores: Sequence[ErrorRow], costs: Sequence[CostRow], longs: Seque
             frames=frames,
             windows=windows,
             **{n: getattr(time, n) if time else np.nan for n in TIMES},
-            error=errors[scene, family, options, frames],
+            error=error,
             error_low=min(own),
             error_high=max(own),
             floor=errors.get((scene, FLOOR, "{}", frames), np.nan),
-            skill=1 - errors[scene, family, options, frames] / base,
+            skill=1 - error / bases.get((scene, factor_of(options), frames), np.nan),
             **means,
             gate=float(np.median(gates)) if gates else np.nan,
             long=mean([r.score for r in runs]) if not any(r.failure for r in runs) else np.nan,

@@ -12,23 +12,22 @@ import multiprocessing
 import os
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from contextlib import nullcontext
 from pathlib import Path
 
 from tqdm import tqdm
 
 from cloth_envs.registry import SCENES
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
-from training.bench.clock import COST_KEY, RUN_MS, RUNS, SLOW, TOO_SLOW, CostRow, costs
-from training.bench.measure import ERROR_KEY, HORIZONS, ErrorRow, errors
+from training.bench.clock import RUN_MS, RUNS, SLOW, TOO_SLOW, CostRow, costs
+from training.bench.measure import ERROR_KEY, HORIZONS, ErrorRow, Windows, errors, gather
 from training.bench.participants import FAMILIES, FLOOR, ORACLE, THREADED, Participant, extra, swept, truth
 from training.bench.speed_accuracy.chart import OVERVIEW_FRAMES, STEM, draw
 from training.bench.speed_accuracy.long import LongRow, gate_frames, long_runs
 from training.bench.speed_accuracy.rows import SpeedAccuracyRow, summaries, table
 from training.bench.speed_accuracy.speedup import SpeedUpRow, speedups
 from training.bench.speed_accuracy.speedup import table as speedup_table
-from training.bench.windows import Windows, gather
-from training.rows import Store, read_names
+from training.rows import read_names
 from training.truth import Case, load
 
 SEEDS = (200, 201, 202, 203, 204)  # held out: the miniature was calibrated on 100..103
@@ -42,21 +41,6 @@ FLOOR_RUNS = 2  # long runs of the chaos floor
 WINDOWS, COST, LONG, SPEEDUP = (f"{STEM}_{name}" for name in ("windows", "cost", "long", "speedup"))
 
 
-@dataclass(frozen=True)
-class Stores:
-    """Where rows go."""
-
-    windows: Store[ErrorRow]
-    cost: Store[CostRow]
-    long: Store[LongRow]
-
-    def cost_of(self, participant: Participant, scene: str) -> float:
-        """Milliseconds of a frame of one cloth, NaN if it was not timed."""
-        key = scene, participant.family, participant.text, 1
-        ms = [c.ms_median for c in self.cost.rows if (c.scene, c.family, c.options, c.batch) == key]
-        return ms[0] if ms else float("nan")
-
-
 def _prepare(job: tuple[Case, int, Path]) -> None:
     case, last, cache = job
     load(case, last, range(last + 1), cache)
@@ -65,12 +49,9 @@ def _prepare(job: tuple[Case, int, Path]) -> None:
 def prepare(cases: Sequence[Case], last: int, cache: Path, processes: int) -> None:
     """Compute the truths that ``cache`` lacks, several at once."""
     jobs = [(case, last, cache) for case in cases]
-    if processes < 2:
-        for job in tqdm(jobs, desc="truth", disable=None):
-            _prepare(job)
-        return
-    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
-        list(tqdm(pool.map(_prepare, jobs), total=len(jobs), desc="truth", disable=None))
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(processes, spawn) if processes > 1 else nullcontext() as pool:
+        list(tqdm(pool.map(_prepare, jobs) if pool else map(_prepare, jobs), "truth", len(jobs), disable=None))
 
 
 def affordable(ms: float, frames: int, batch: int, budget: float) -> int:
@@ -78,50 +59,43 @@ def affordable(ms: float, frames: int, batch: int, budget: float) -> int:
     return batch if not ms > SLOW * budget / BUDGET else min(batch, int(budget * 1e3 / (ms * frames)))
 
 
-def time(
-    windows: Windows, participants: Sequence[Participant], stores: Stores, again: set[tuple[str, str]], runs: int,
-    budget: float,
-) -> None:  # fmt: skip
-    """Time what the store lacks of one scene, and what was refused before."""
-    where = windows.scene.name, *windows.scene.grid.shape
+def score(
+    windows: Windows, long: Windows, participants: Sequence[Participant], session: Session, *, runs: int, budget: float
+) -> None:
+    """Measure what the stores lack of one scene, and what was refused before."""
+    scored, timed, longs = (session.store(stem) for stem in (WINDOWS, COST, LONG))
+    name, shape = windows.scene.name, windows.scene.grid.shape
+    again = {(r.family, r.options) for r in scored.rows if r.scene == name and "refused" in r.failure}
     for batch, threads in ((1, 1), (BATCH, 1), (BATCH, 2)):
         missing = [
             p
             for p in participants
             if p.family != ORACLE and (batch == 1 or p.family in THREADED)
-            if (*where, p.family, p.text, batch, threads) not in stores.cost or (p.family, p.text) in again
+            if (name, *shape, p.family, p.text, batch, threads) not in timed or (p.family, p.text) in again
         ]
         if missing:
             count, run_ms = runs if batch == 1 else 3, RUN_MS * budget / BUDGET
-            stores.cost.add(*costs(missing, windows, batch=batch, threads=threads, runs=count, run_ms=run_ms))
-
-
-def score(
-    windows: Windows, long: Windows, participants: Sequence[Participant], stores: Stores, *, runs: int, budget: float
-) -> None:
-    """Measure what the stores lack of one scene."""
-    name, shape = windows.scene.name, windows.scene.grid.shape
-    again = {(r.family, r.options) for r in stores.windows.rows if r.scene == name and "refused" in r.failure}
-    time(windows, participants, stores, again, runs, budget)
+            timed.add(*costs(missing, windows, batch=batch, threads=threads, runs=count, run_ms=run_ms))
+    times = {(c.family, c.options): c.ms_median for c in timed.rows if (c.scene, c.batch) == (name, 1)}
     bar = tqdm([truth(TRUTH), *participants], desc=name, disable=None)
     for participant in bar:
         bar.set_postfix_str(participant.label)
-        ms, floor = stores.cost_of(participant, name), participant.family == FLOOR
+        own, floor = (participant.family, participant.text), participant.family == FLOOR
+        ms = times.get(own, float("nan"))
         if ms > TOO_SLOW:
             tqdm.write(f"{name}: {participant.label} takes {ms:.0f} ms a frame: left out")
             continue
         threads = (os.cpu_count() or 1) if floor else 1  # as slow as the truth
-        own = participant.family, participant.text
         count = len(long.seeds) if floor else affordable(ms, len(windows.controls), len(windows.seeds), budget)
         part = windows.first(max(1, count))
         keys = [(name, *shape, *own, seed, frames, part.key) for seed in set(part.seeds) for frames in HORIZONS]
-        if own in again or not all(key in stores.windows for key in keys):
-            stores.windows.add(*errors(participant, part, threads))
+        if own in again or not all(key in scored for key in keys):
+            scored.add(*errors(participant, part, threads))
         count = FLOOR_RUNS if floor else affordable(ms, len(long.controls), len(long.seeds), budget)
         whole = long.first(count) if count else long.first(1).until(gate_frames(long.scene))
         keys = [(name, *shape, *own, seed, len(whole.controls), long.key) for seed in whole.seeds]
-        if own in again or not all(key in stores.long for key in keys):
-            stores.long.add(*long_runs(participant, whole, threads))
+        if own in again or not all(key in longs for key in keys):
+            longs.add(*long_runs(participant, whole, threads))
 
 
 def measure(session: Session) -> None:
@@ -144,13 +118,13 @@ def measure(session: Session) -> None:
     }
     if session.about["omp_num_threads"] != "1":
         print("OMP_NUM_THREADS is not 1: times may not be of one thread")
-    stores = Stores(session.store(WINDOWS), session.store(COST), session.store(LONG))
-    cases = {scene: [Case(scene, seed, 4 if quick else 1, TRUTH) for seed in seeds] for scene in session.scenes}
-    prepare([c for group in cases.values() for c in group], last, cache, 1 if quick else os.cpu_count() or 1)
-    for group in cases.values():
-        windows, long = gather(group, starts, max(HORIZONS), last, cache), gather(group, (0,), last, last, cache)
-        score(windows, long, participants, stores, runs=runs, budget=budget)
-    rows = summaries(stores.windows.rows, stores.cost.rows, stores.long.rows)
+    cases = [[Case(scene, seed, 4 if quick else 1, TRUTH) for seed in seeds] for scene in session.scenes]
+    prepare([case for group in cases for case in group], last, cache, 1 if quick else os.cpu_count() or 1)
+    for group in cases:
+        windows = gather(group, starts, max(HORIZONS), range(last + 1), cache)
+        long = gather(group, (0,), last, range(last + 1), cache)
+        score(windows, long, participants, session, runs=runs, budget=budget)
+    rows = summaries(*(session.store(stem).rows for stem in (WINDOWS, COST, LONG)))
     session.store(STEM).replace(rows)
     session.store(SPEEDUP).replace(speedups(rows))
 
@@ -166,7 +140,7 @@ BENCHMARK = Benchmark(
         STEM: RowFile(SpeedAccuracyRow),
         SPEEDUP: RowFile(SpeedUpRow),
         WINDOWS: RowFile(ErrorRow, ERROR_KEY),
-        COST: RowFile(CostRow, COST_KEY),
+        COST: RowFile(CostRow, ("scene", "rows", "cols", "family", "options", "batch", "threads")),
         LONG: RowFile(LongRow, ERROR_KEY),
     },
     parts=[

@@ -1,4 +1,4 @@
-"""Runs of the stability benchmark: states until the first failure, and what can be told of them by frame."""
+"""Runs of the stability benchmark: states until the first failure, and why they failed next to the truth's."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from itertools import pairwise
 import numpy as np
 
 from cloth_envs.backend import Backend
-from cloth_envs.physics.laws.budget import budget
-from cloth_envs.physics.laws.diagnostics import linear_momentum, strains
+from cloth_envs.physics.laws.budget import budget, slow_motion
+from cloth_envs.physics.laws.diagnostics import linear_momentum, penetration, strains
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from training.bench import measure
 from training.bench.participants import truth
+from training.bench.stability.rows import REASONS, Score
 from training.bench.stability.worlds import Stage
 from training.metrics.contact import tunnelled
 from training.rollouts import nudge, stack_states
@@ -23,6 +24,12 @@ TRUTH = truth("half")
 GATE = 0.5  # s; the mean height is compared until then, later it is chaos too
 BUDGETED = 10  # frames: of a run's first ones the energy budget is made
 BURST = 100.0  # strain of an edge: not a number yet, but no cloth either
+HEIGHT = 0.05  # of the way that the mean height goes in 0.5 s
+EARLY, ASTRAY = 0.2, 0.05  # s, of the length: mean distance of the vertices from the truth's
+GAINED = 0.25  # of m g H: energy from nowhere, beyond what the truth's budget leaves over
+STRAINED, LIVELY = 2.0, 2.0  # times the truth's strain and kinetic energy
+SPARE = 1.0  # J/kg of kinetic energy, beyond a multiple of the truth's
+DRIFT = 0.01  # of the sum of m |v| at the start: momentum from nowhere
 _FAILURES = {"non-finite": "blow-up", "overstretch": "overstretch", "energy": "energy"}
 
 
@@ -101,17 +108,13 @@ def pierced(scene: Scene, before: State, after: State) -> int:
         for end in range(1 if body.kind == "sphere" else 2):
             near = [x - s.colliders[0, number, end] for x, s in ((x0, before), (x1, after))]
             (a, b, c), later = (x[triangles].transpose(1, 0, 2) for x in near)
-            s0, s1 = (_volume(*corners) for corners in ((a, b, c), later))
+            s0, s1 = ((a * np.cross(b, c)).sum(-1) for a, b, c in ((a, b, c), later))
             crossing = np.flatnonzero(s0 * s1 < 0)
             t = (s0[crossing] / (s0[crossing] - s1[crossing]))[:, None]
             a, b, c = ((1 - t) * x[crossing] + t * y[crossing] for x, y in zip((a, b, c), later, strict=True))
             parts = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
             count += int(((parts * parts.sum(0)).sum(-1) > 0).all(0).sum())
     return count
-
-
-def _volume(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    return (a * np.cross(b, c)).sum(-1)
 
 
 def run(backend: Backend | str, stage: Stage) -> Run:
@@ -134,3 +137,79 @@ def truths(stage: Stage, seed: int) -> tuple[Run, Run]:
 def frames_in(seconds: float, scene: Scene) -> int:
     """How many frames that is, one at least."""
     return max(1, round(seconds / scene.frame_dt))
+
+
+def gate(found: Run, true: Run, frames: int) -> tuple[float, float, np.ndarray]:
+    """Largest difference of the mean heights within 0.5 s over the truth's way, that difference [m], and by frame."""
+    count = min(frames_in(GATE, true.scene), frames, len(found.states) - 1, len(true.states) - 1) + 1
+    if count < 2:
+        return float("nan"), float("nan"), np.zeros(0)
+    worst = slow_motion(true.scene, found.states[:count], true.states[:count])
+    fraction, difference = float(worst.fraction[0]), float(worst.difference[0])
+    gaps = abs(found.heights[:count] - true.heights[:count])
+    return fraction, difference, gaps * (fraction / max(abs(difference), 1e-300))
+
+
+def score(found: Run, true: Run, near: Run, frames: int) -> Score:
+    """The first ``frames`` of ``found`` against the truth and the nudged truth."""
+    scene, dt, end = found.scene, found.scene.frame_dt, frames + 1
+    common = min(end, len(found.states), len(true.states))
+    (stretch, p99), (stretch_true, p99_true) = (r.strains[:, :end] for r in (found, true))
+    drift, drift_true = found.drift[:end], true.drift[:end]
+    kinetic, kinetic_true = found.kinetic[:end], true.kinetic[:end]
+    momentum, passed = found.momentum[:end], found.passed[:end]
+    when: dict[str, tuple[int, str]] = {}  # reason -> frame, words
+
+    def first(reason: str, bad: np.ndarray, words: str) -> None:
+        if bad.any():
+            when[reason] = int(bad.argmax()), words
+
+    limit = STRAINED * np.maximum.accumulate(stretch_true)[:common] + 0.05
+    words = f"p99 strain {stretch.max():.2g}, truth {stretch_true.max():.2g}"
+    first("strained", stretch[:common] > limit, words)
+    limit = LIVELY * np.maximum.accumulate(kinetic_true)[:common] + SPARE
+    first("energy", kinetic[:common] > limit, f"{kinetic.max():.2g} J/kg, truth {kinetic_true.max():.2g}")
+    both = min(len(drift), len(drift_true))
+    gained = drift[:both] - np.maximum.accumulate(np.maximum(drift_true[:both], 0)) > GAINED
+    first("energy drift", gained, f"{np.nan_to_num(drift).max():.2g} m g H from nowhere")
+    first("tunnelling", passed > 0, f"{passed[-1]} vertices or triangles, truth {true.passed[:end][-1]}")
+    first("momentum", momentum > DRIFT, f"drift {np.nan_to_num(momentum).max():.2g} of the sum of m |v|")
+    fraction, difference, gaps = gate(found, true, frames)
+    chaos = gate(near, true, frames)[0]
+    if np.isfinite(fraction):
+        worst = int(gaps.argmax())
+        slow = difference * (true.heights[worst] - true.heights[0]) < 0
+        words = f"mean height off by {1e3 * difference:.1f} mm, {100 * fraction:.0f} % of its way"
+        first("slow motion" if slow else "fast motion", gaps > max(HEIGHT, 2 * np.nan_to_num(chaos)), words)
+    early, error = frames_in(EARLY, scene), float("nan")
+    if common > early:
+        error = measure.vertex_error(scene, found.states[early], true.states[early])
+    if error > ASTRAY:
+        when["error"] = early, f"vertices {100 * error:.1f} % of the length off after {early * dt:.2g} s"
+    if found.failure and len(found.states) <= frames:
+        kind, _, words = found.failure.partition(": ")
+        when[kind] = len(found.states) if kind != "refused" else 0, words or f"in frame {len(found.states)}"
+    reason = next((name for name in REASONS if name in when), "")
+    frame, detail = when.get(reason, (frames, ""))
+    peaks = {"p99": p99, "p99_truth": p99_true, "drift": drift, "drift_truth": drift_true, "momentum": momentum}
+    peaks |= {"kinetic": kinetic, "kinetic_truth": kinetic_true}
+    deepest = penetration(scene, stack_states(found.states[:end]), thickness=0.0).max.max()
+    return Score(
+        frames=frames,
+        reason=reason,
+        detail=detail,
+        failed_at=frame * dt,
+        ms=found.ms,
+        **{name: _largest(values) for name, values in peaks.items()},
+        depth=float(deepest) if scene.colliders else float("nan"),
+        tunnelled=int(passed[-1]),
+        gate=fraction,
+        chaos=chaos,
+        error=error,
+        truth=true.failure if len(true.states) <= frames else "",
+    )
+
+
+def _largest(values: np.ndarray) -> float:
+    """The one that is farthest from 0."""
+    return float(values[abs(values).argmax()]) if np.isfinite(values).all() else float("nan")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.utils.seeding import np_random
@@ -44,13 +44,6 @@ class Base(NamedTuple):
     coarse: float = 1.0
 
 
-def actions(policy: str, frames: int, size: int, frame_dt: float, seed: int) -> np.ndarray:
-    """``open_loop``, and full action one way and the other at every other frame, ``(frames, size)``."""
-    if policy == "alternating":
-        return np.where(np.arange(frames) % 2, -1.0, 1.0)[:, None] * np.ones(size)
-    return open_loop(policy, max(frames, 200), size, frame_dt, seed)[:frames]
-
-
 def episode(base: Base, frames: int, policy: str = "smooth") -> Stage:
     """An episode's start and controls.
 
@@ -59,9 +52,13 @@ def episode(base: Base, frames: int, policy: str = "smooth") -> Stage:
     world = World(base.scene, resolution=coarser(load_task(base.scene).resolution, base.coarse))
     world.reset({0: np_random(base.seed)[0]})
     scene, start, now = world.scene, world.state.copy(), world.state.astype(np.float64)
-    scripted = []
+    scripted, size = [], len(world.task.actions)
+    if policy == "alternating":
+        actions = np.where(np.arange(frames) % 2, -1.0, 1.0)[:, None] * np.ones(size)
+    else:
+        actions = open_loop(policy, max(frames, 200), size, scene.frame_dt, base.seed)[:frames]
     assert world.episode is not None
-    for action in actions(policy, frames, len(world.task.actions), scene.frame_dt, base.seed):
+    for action in actions:
         given = world.task.controls(Episode(now, world.episode.memory, action[None]))
         scripted.append(Controls(**{name: np.array(value) for name, value in vars(given).items()}))
         now = driven(scene, now, given)
@@ -83,60 +80,49 @@ def _plain(base: Base, policy: str = "smooth") -> Stage:
     return episode(base, round(DURATION / load_task(base.scene).frame_dt), policy)
 
 
-def _frame(base: Base, level: float) -> Stage:
-    stage = _plain(base)
-    given = retime(stage.scene, stage.start, stage.controls, level)
-    return replace(stage, scene=replace(stage.scene, frame_dt=stage.scene.frame_dt * level), controls=given)
+def _changed(change: Callable[[Stage, float], dict[str, Any]]) -> Callable[[Base, float], Stage]:
+    """What makes a plain world with the fields of its ``Stage`` that ``change`` gives."""
+
+    def make(base: Base, level: float) -> Stage:
+        stage = _plain(base)
+        return replace(stage, **change(stage, level))
+
+    return make
 
 
-def _stiffness(base: Base, level: float) -> Stage:
+def _frame(stage: Stage, level: float) -> dict[str, Any]:
+    controls = retime(stage.scene, stage.start, stage.controls, level)
+    return {"scene": replace(stage.scene, frame_dt=stage.scene.frame_dt * level), "controls": controls}
+
+
+def _stiffness(stage: Stage, level: float) -> dict[str, Any]:
     """All stiffnesses; the dashpots' constants stay (``damping`` is a time)."""
-    stage = _plain(base)
     m = stage.scene.material
     stiff = {n: getattr(m, n) * level for n in ("stretch_stiffness", "shear_stiffness", "bend_stiffness")}
-    return replace(stage, scene=stage.scene.with_material(m.with_changes(**stiff, damping=m.damping / level)))
+    return {"scene": stage.scene.with_material(m.with_changes(**stiff, damping=m.damping / level))}
 
 
-def _mass(base: Base, level: float) -> Stage:
-    stage = _plain(base)
+def _mass(stage: Stage, level: float) -> dict[str, Any]:
     m = stage.scene.material
-    return replace(stage, scene=stage.scene.with_material(m.with_changes(areal_density=m.areal_density * level)))
+    return {"scene": stage.scene.with_material(m.with_changes(areal_density=m.areal_density * level))}
 
 
-def _wind(base: Base, level: float) -> Stage:
-    stage = _plain(base)
+def _wind(stage: Stage, level: float) -> dict[str, Any]:
     wind = stage.scene.wind
     assert wind is not None
     strong = replace(stage.scene, wind=replace(wind, max_speed=wind.max_speed * max(level, 1)))
-    return replace(stage, scene=strong, controls=[replace(c, wind=c.wind * level) for c in stage.controls])
+    return {"scene": strong, "controls": [replace(c, wind=c.wind * level) for c in stage.controls]}
 
 
-def _turned(base: Base, level: float) -> Stage:
+def _turned(stage: Stage, level: float) -> dict[str, Any]:
     """The wind turned by ``level`` degrees; the flag still starts downwind of where it was."""
-    stage, angle = _plain(base), np.radians(level)
-    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    return replace(stage, controls=[replace(c, wind=c.wind @ turn.T) for c in stage.controls])
+    cos, sin = np.cos(np.radians(level)), np.sin(np.radians(level))
+    turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
+    return {"controls": [replace(c, wind=c.wind @ turn.T) for c in stage.controls]}
 
 
-def _pressure(base: Base, level: float) -> Stage:
-    stage = _plain(base)
-    return replace(stage, controls=[replace(c, pressure=c.pressure * level) for c in stage.controls])
-
-
-def _resolution(base: Base, level: float) -> Stage:
-    return _plain(base._replace(coarse=base.coarse / level))
-
-
-def _actions(base: Base, level: float) -> Stage:
-    return _plain(base, POLICIES[round(level)])
-
-
-def _length(base: Base, level: float) -> Stage:
-    return episode(base, round(level))
-
-
-def _random(base: Base, level: float) -> Stage:
-    return episode(base, round(level), "random")
+def _pressure(stage: Stage, level: float) -> dict[str, Any]:
+    return {"controls": [replace(c, pressure=c.pressure * level) for c in stage.controls]}
 
 
 def _free(base: Base, level: float) -> Stage:
@@ -154,7 +140,7 @@ def _free(base: Base, level: float) -> Stage:
 
 def shot(base: Base, *, speed: float, radius: float) -> Stage:
     """A ball flies along y into the hanging cloth at constant ``speed`` and stops within one frame 0.3 m behind it."""
-    stage = episode(base, round(DURATION / load_task(base.scene).frame_dt), "zero")
+    stage = _plain(base, "zero")
     body, *others = stage.scene.colliders
     scene = replace(stage.scene, colliders=(replace(body, radius=radius), *others))
     dt, rng, start = scene.frame_dt, np.random.default_rng(base.seed), stage.start.copy()
@@ -169,14 +155,6 @@ def shot(base: Base, *, speed: float, radius: float) -> Stage:
         fast[:, 0] = 0, speed * (frame < moving), 0
         given.append(replace(control, colliders=at, collider_velocities=fast))
     return replace(stage, scene=scene, start=start, controls=given)
-
-
-def _ball_speed(base: Base, level: float) -> Stage:
-    return shot(base, speed=level, radius=BALL_RADIUS)
-
-
-def _ball_radius(base: Base, level: float) -> Stage:
-    return shot(base, speed=BALL_SPEED, radius=level)
 
 
 def _times(level: float) -> str:
@@ -215,28 +193,34 @@ class Axis:
 
 
 AXES: dict[str, Axis] = {
-    "frame": Axis("frame step", (1 / 2, 1, 2, 3, 4), _frame),
-    "stiffness": Axis("stiffness", (1 / 4, 1 / 2, 1, 2, 4, 8, 16), _stiffness),
-    "mass": Axis("mass", (1 / 3, 1 / 2, 1, 2, 3), _mass),
-    "resolution": Axis("resolution", (1 / 2, 3 / 4, 1, 3 / 2, 2), _resolution),
-    "length": Axis("length of the rollout [frames]", LENGTHS, _length, label="{:g}".format, cut=True),
+    "frame": Axis("frame step", (1 / 2, 1, 2, 3, 4), _changed(_frame)),
+    "stiffness": Axis("stiffness", (1 / 4, 1 / 2, 1, 2, 4, 8, 16), _changed(_stiffness)),
+    "mass": Axis("mass", (1 / 3, 1 / 2, 1, 2, 3), _changed(_mass)),
+    "resolution": Axis(
+        "resolution", (1 / 2, 3 / 4, 1, 3 / 2, 2), lambda base, level: _plain(base._replace(coarse=base.coarse / level))
+    ),
+    "length": Axis(
+        "length of the rollout [frames]", LENGTHS, lambda base, level: episode(base, round(level)),
+        label="{:g}".format, cut=True,
+    ),
     "actions": Axis(
-        "actions", range(len(POLICIES)), _actions, label=lambda level: POLICIES[round(level)], usual=tuple(SCENES)
+        "actions", range(len(POLICIES)), lambda base, level: _plain(base, POLICIES[round(level)]),
+        label=lambda level: POLICIES[round(level)], usual=tuple(SCENES),
     ),
     "random": Axis(
-        "random actions at every frame [frames]", (10, 25, 50, 100, 150), _random, label="{:g}".format, cut=True,
-        usual=tuple(SCENES),
+        "random actions at every frame [frames]", (10, 25, 50, 100, 150),
+        lambda base, level: episode(base, round(level), "random"), label="{:g}".format, cut=True, usual=tuple(SCENES),
     ),
-    "wind": Axis("wind speed", (0, 1 / 2, 1, 3 / 2, 2, 3), _wind, ("Flag",)),
-    "direction": Axis("wind turned [degrees]", (0, 45, 90, 135, 180), _turned, ("Flag",), "{:g}".format),
-    "pressure": Axis("pressure", (0, 1 / 2, 1, 2, 3, 4), _pressure, ("Pressure",)),
+    "wind": Axis("wind speed", (0, 1 / 2, 1, 3 / 2, 2, 3), _changed(_wind), ("Flag",)),
+    "direction": Axis("wind turned [degrees]", (0, 45, 90, 135, 180), _changed(_turned), ("Flag",), "{:g}".format),
+    "pressure": Axis("pressure", (0, 1 / 2, 1, 2, 3, 4), _changed(_pressure), ("Pressure",)),
     "ball speed": Axis(
-        f"speed of a ball, radius {BALL_RADIUS:g} m [m/s]", (1, 2, 4, 8, 16, 24), _ball_speed, ("Collision",),
-        "{:g}".format,
+        f"speed of a ball, radius {BALL_RADIUS:g} m [m/s]", (1, 2, 4, 8, 16, 24),
+        lambda base, level: shot(base, speed=level, radius=BALL_RADIUS), ("Collision",), "{:g}".format,
     ),
     "ball radius": Axis(
-        f"radius of a ball at {BALL_SPEED:g} m/s [m]", (0.0125, 0.025, 0.05, 0.1, 0.2, 0.3), _ball_radius,
-        ("Collision",), "{:g}".format,
+        f"radius of a ball at {BALL_SPEED:g} m/s [m]", (0.0125, 0.025, 0.05, 0.1, 0.2, 0.3),
+        lambda base, level: shot(base, speed=BALL_SPEED, radius=level), ("Collision",), "{:g}".format,
     ),
     "free": Axis("no force from outside [frames]", LENGTHS, _free, ("Curtain",), "{:g}".format, cut=True),
 }  # fmt: skip

@@ -1,1 +1,0 @@
-"""Error against twice the mesh."""

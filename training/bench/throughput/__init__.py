@@ -1,1 +1,0 @@
-"""Time of the kernels and of the environments."""
