@@ -1,14 +1,12 @@
 """``minicloth train dynamics``: the correction of the coarse dynamics, ``correction="learned"`` of the miniature.
 
-First the network learns what single frames from the truth leave to correct. Then it runs with the coarse solver for
-``horizon`` frames and learns from the errors of all of them. Their gradients pass through a frame as if every vertex
-flew freely, ``dx' = dx + frame_dt dv``, ``dv' = dv``: exact ones through the substeps of torch cost 100 times as much
-and blow up, and the slow waves that make up the error nearly do fly freely for a few frames.
+First the network learns what single frames from the truth leave to correct, then from the errors of all ``horizon``
+frames that it runs with the coarse solver. Their gradients pass through a frame as if every vertex flew freely,
+``dx' = dx + frame_dt dv``, ``dv' = dv``: exact ones through the substeps cost 100 times as much and blow up.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from itertools import pairwise
@@ -19,14 +17,11 @@ from time import process_time
 import numpy as np
 import torch
 
-from cloth_envs.machine import header
-from cloth_envs.naming import unknown_name
-from cloth_envs.registry import SCENES
-from surrogates.checkpoint import WEIGHTS, add_factor, written
 from surrogates.miniature.closure import load_factors
 from surrogates.miniature.coarse import CoarsePhysics
 from surrogates.miniature.correction import ARRAYS, LAYERS, Correction, weights_name
-from training.cache import cache_folder, digest
+from training.cache import digest
+from training.command import is_done, keep, parser_of, read
 from training.dynamics.data import FRAMES, SETTLE, Course, Episodes, episodes
 from training.fit import Best, Kept, cosine, fit
 from training.recipes.dynamics import FIRST_SEED, HELD_OUT, POLICIES, Recipe
@@ -122,14 +117,11 @@ class Trainer:
         self.expose()
         return self.correction.arrays
 
-    def miss(self, x: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
-        """Smooth absolute error of the answers to ``x``."""
-        return torch.nn.functional.smooth_l1_loss(self.forward(x), (wanted * self.share).clamp(-8, 8))
-
     def single(self) -> torch.Tensor:
-        """``miss`` of a few single frames."""
+        """Smooth absolute error of the answers to a few single frames."""
         chosen = self._rng.integers(len(self.frames[0]), size=6)
-        return self.miss(*(part[chosen] for part in self.frames))
+        x, wanted = (part[chosen] for part in self.frames)
+        return torch.nn.functional.smooth_l1_loss(self.forward(x), (wanted * self.share).clamp(-8, 8))
 
     def window(self, course: Course, usual: np.ndarray) -> torch.Tensor:
         """A number whose gradient is about that of the errors over ``usual`` ones, summed over a batch of windows."""
@@ -168,56 +160,34 @@ def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: 
     name, seeds = weights_name(scene), range(FIRST_SEED, FIRST_SEED + recipe.seeds)
     for factor in factors:
         settings = asdict(recipe) | {"factors": load_factors(scene, factor, recipe.scaling)}
-        if written(name, out).card.get(str(factor), {}).get("trained with") == settings:
+        if is_done(name, factor, settings, out):
             continue
         data = episodes(scene, seeds, factor, POLICIES, cache)
         held, began = episodes(scene, HELD_OUT, factor, POLICIES[:1], cache), process_time()
         trainer = Trainer(data, recipe)
         mark = dumps(settings | {"scene": repr(data.scene)})
         fitted = trainer.fit(cache / f"{name}_{factor}_{digest(mark)}", mark, f"{scene} 1/{factor}")
-        seconds = round(process_time() - began)
-        courses = {
-            "calibrated": Course(held, "calibrated"),
-            recipe.scaling: Course(held, recipe.scaling),
-            "learned": Course(held, recipe.scaling, trainer.correction),
-        }
-        shown = {}
-        for which, course in courses.items():
-            found = course.errors(max(SHOWN))
+        seconds, shown = process_time() - began, {}
+        runs = {"calibrated": ("calibrated", None), recipe.scaling: (recipe.scaling, None)}
+        for which, run in (runs | {"learned": (recipe.scaling, trainer.correction)}).items():
+            found = Course(held, *run).errors(max(SHOWN))
             shown[which] = {str(k): float(f"{found[k - 1]:.4g}") for k in SHOWN}
-        about = {
-            "held-out error [% of length] after frames": shown,
-            "trained with": settings,
-            "seconds": seconds,
-            "machine": header(),
-        }
         card = {
             "what": f"correction of the coarse dynamics of {scene}, once a frame",
             "data": f"decimated truth (float32), actions {', '.join(POLICIES)} in turn, {FRAMES} frames an episode",
             "valid": "the scene's own material; trained and scored on restarts from decimated truth, 10 frames",
-            "licence": "MIT",
         }
-        add_factor(name, factor, fitted, about, card, out)
-        print(f"{scene} 1/{factor} {seconds} s: {shown}", flush=True)
+        errors = {"held-out error [% of length] after frames": shown}
+        keep(name, factor, fitted, settings, seconds, errors, card, out)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Train the corrections. Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="minicloth train dynamics", description=__doc__)
-    parser.add_argument("--scenes", nargs="*", default=list(SCENES))
+    options = {"seeds": "of episodes", "warm": "steps on frames", "steps": "on windows", "hidden": "units a layer"}
+    options |= {"memory": "of gradients from frame to frame"}
+    parser = parser_of("dynamics", __doc__, Recipe, options)
     parser.add_argument("--factors", nargs="*", type=int, default=[2, 4], choices=[2, 3, 4])
-    parser.add_argument("--seeds", type=int, default=Recipe.seeds, help=f"of episodes (default {Recipe.seeds})")
-    parser.add_argument("--warm", type=int, default=Recipe.warm, help=f"steps on frames (default {Recipe.warm})")
-    parser.add_argument("--steps", type=int, default=Recipe.steps, help=f"on windows (default {Recipe.steps})")
-    parser.add_argument("--hidden", type=int, default=Recipe.hidden, help=f"units a layer (default {Recipe.hidden})")
-    parser.add_argument("--memory", type=float, default=Recipe.memory, help="of gradients from frame to frame")
-    parser.add_argument("--out", type=Path, default=WEIGHTS, help="folder of the weights")
-    parser.add_argument("--cache", type=Path, help="folder of the data (default: in the user's caches)")
-    given = parser.parse_args(argv)
-    cache = cache_folder("dynamics", given.cache)
+    given, recipe = read(parser, argv, Recipe, options)
     for scene in given.scenes:
-        if scene not in SCENES:
-            raise unknown_name("scene", scene, SCENES)
-        recipe = Recipe(seeds=given.seeds, warm=given.warm, steps=given.steps, hidden=given.hidden, memory=given.memory)
-        train(scene, given.factors, recipe, given.out, cache)
+        train(scene, given.factors, recipe, given.out, given.cache)
     return 0

@@ -1,12 +1,11 @@
-"""How the published networks are trained here: one frozen recipe each.
+"""How the published networks are trained here: one frozen recipe each, for a minute or two of one core.
 
-Lee et al. 2019 train for eight hours on a GPU, in batches of 50,000 at a rate of 1e-4. Here a network has a minute or
-two of one core: smaller batches, a rate that starts at 2e-3 and falls to nothing along a cosine, and
-(``start="bilinear"``) a network that begins as bilinear interpolation. See ``upscaler.train``.
+Lee et al. 2019 train for eight hours on a GPU, in batches of 50,000 at a rate of 1e-4.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -45,29 +44,25 @@ class Recipe:
     seed: int = 0
 
 
-def _recipes() -> dict[str, Recipe]:
-    made: dict[str, Recipe] = {}
+def _recipes() -> Iterator[tuple[str, Recipe]]:
     for scene in SCENES:
-        low = scene.lower()
+        stem, plain = f"fc-{scene.lower()}", Recipe(scene)
         for factor in FACTORS:
-            plain = Recipe(scene, factor)
-            made[f"fc-{low}-{factor}"] = plain
-            made[f"fc-{low}-{factor}-real"] = replace(plain, inputs="real")
-        plain = Recipe(scene)
+            yield f"{stem}-{factor}", replace(plain, factor=factor)
+            yield f"{stem}-{factor}-real", replace(plain, factor=factor, inputs="real")
         for layers, width in SHAPES:
             if (layers, width) != (plain.layers, plain.width):
-                made[f"fc-{low}-2-{layers}x{width}"] = replace(plain, layers=layers, width=width)
-        made[f"fc-{low}-2-real-4x128"] = replace(plain, inputs="real", width=128)
-        made[f"fc-{low}-2-random"] = replace(plain, start="random")
+                yield f"{stem}-2-{layers}x{width}", replace(plain, layers=layers, width=width)
+        yield f"{stem}-2-real-4x128", replace(plain, inputs="real", width=128)
+        yield f"{stem}-2-random", replace(plain, start="random")
         for factor in (2, 4):
             triangle = replace(plain, factor=factor, inputs="triangles", features="positions", steps=4000)
-            made[f"hdnn-{low}-{factor}"] = triangle
+            yield f"hdnn-{scene.lower()}-{factor}", triangle
     for features in ("positions", "velocities"):
-        made[f"fc-flag-2-{features}"] = Recipe("Flag", features=features)
-    return made
+        yield f"fc-flag-2-{features}", Recipe("Flag", features=features)
 
 
-RECIPES = _recipes()
+RECIPES = dict(_recipes())
 # Those whose weights the package holds.
 SHIPPED = {f"{kind}-{scene.lower()}-{factor}" for kind in ("fc", "hdnn") for scene in SCENES for factor in FACTORS}
 

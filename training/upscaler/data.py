@@ -7,7 +7,6 @@ it: from the target at ``factor`` times its spacing to half of that.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from cloth_envs.registry import load_task
 from cloth_envs.resample import Resampler
 from surrogates.miniature.coarse import coarse_grid
 from surrogates.upscale.patches import FEATURES, Layout, combine, dense_grid, squares, triangles, windows
+from training.cache import digest
 from training.generate import HELD_OUT_EVERY
 
 PAST = 2  # frames before the first one that is upscaled
@@ -64,19 +64,15 @@ def read(path: Path, factor: int) -> Trajectory:
 
 def data_hash(paths: Sequence[Path]) -> str:
     """Changes when a trajectory does."""
-    digest = hashlib.sha256()
+    known = []
     for path in paths:
         with h5py.File(path) as file:
-            digest.update(str(file.attrs["sha256"]).encode())
-    return digest.hexdigest()[:16]
+            known.append(str(file.attrs["sha256"]).encode())
+    return digest(*known)
 
 
 class Pairs:
-    """Features and targets of all patches of some trajectories.
-
-    Args:
-        trajectories: what ``read`` gave. scene: its name. factor: 2, 3 or 4.
-        inputs: one of ``INPUTS``. features: one of ``FEATURES``.
+    """Features (one of ``FEATURES``) and targets of all patches of some trajectories; ``inputs`` is one of ``INPUTS``.
 
     Every position is kept once, frames one after the other with their vertices flat: ``_source``, where features come
     from, and ``_target``. ``_now`` and ``_then`` are the numbers that a frame has in the two.
@@ -102,10 +98,10 @@ class Pairs:
             target = one.fine if onto is None else onto(np.ascontiguousarray(one.fine, np.float32))
             if inputs == "real":
                 runs, length = one.runs.shape[:2]
-                frames = length - PAST - 1
+                steps = length - PAST - 1
                 source = one.runs.reshape(-1, *one.runs.shape[2:])
-                now.append(at + np.add.outer(np.arange(runs) * length, PAST + 1 + np.arange(frames)).ravel())
-                then.append(base + 1 + np.arange(runs * frames))
+                now.append(at + np.add.outer(np.arange(runs) * length, PAST + 1 + np.arange(steps)).ravel())
+                then.append(base + 1 + np.arange(runs * steps))
             else:
                 step = factor if inputs == "triangles" else 1
                 level = target[:, :, ::step, ::step]
@@ -113,8 +109,12 @@ class Pairs:
                 target = target[:, :, :: max(step // 2, 1), :: max(step // 2, 1)]
                 now.append(at + PAST + 1 + np.arange(len(target) - 1))
                 then.append(base + 1 + np.arange(len(target) - 1))
-            sources.append(_flat(source))
-            targets.append(_flat(target))
+            source, target = (
+                np.ascontiguousarray(a.transpose(0, 2, 3, 1), np.float32).reshape(len(a), -1, 3)
+                for a in (source, target)
+            )
+            sources.append(source)
+            targets.append(target)
             at, base = at + len(source), base + len(target)
             dts.append(np.full(len(now[-1]), one.frame_dt, np.float32))
         self._source, self._target = np.concatenate(sources), np.concatenate(targets)
@@ -138,8 +138,3 @@ class Pairs:
         goal = self._then[frame][:, None] * self._target.shape[1] + points
         y = self._target.reshape(-1, 3).take(goal, 0).reshape(len(which), -1)
         return combine(frames, self.kind, self._dt[frame][:, None]), y
-
-
-def _flat(frames: np.ndarray) -> np.ndarray:
-    """``(F, 3, H, W)`` as ``(F, H W, 3)``."""
-    return np.ascontiguousarray(frames.transpose(0, 2, 3, 1), np.float32).reshape(len(frames), -1, 3)
