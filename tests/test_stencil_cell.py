@@ -255,7 +255,7 @@ def test_training_goes_on_where_it_stopped(
 ) -> None:
     """All stages at once, and again with a stop in the second one."""
     blocks, wanted, _ = samples(8)
-    small, recipe = Sums(forms(blocks, wanted).forms, np.zeros((8, 40, 40))), Recipe("fall", "free", epochs=8, batch=4)
+    small, recipe = Sums(forms(blocks, wanted).forms, np.zeros((8, 40, 40))), Recipe("fall", epochs=8, batch=4)
     monkeypatch.setattr("training.cell.train.sums", lambda *_: small)
     monkeypatch.setattr("training.cell.train.branch_scales", lambda *_: ((1e4, 1.0, 200.0, -10.0), 0.0))
     whole, _ = adam(recipe, tmp_path / "whole")

@@ -26,7 +26,7 @@ def parser_of(name: str, about: str | None, recipe: type, options: Mapping[str, 
         default = getattr(recipe, option)
         parser.add_argument(f"--{option}", type=type(default), default=default, help=f"{text} (default {default})")
     parser.add_argument("--out", type=Path, default=WEIGHTS, help="folder of the weights")
-    parser.add_argument("--cache", type=Path, default=cache_folder(name), help="folder of the data")
+    parser.add_argument("--cache", type=Path, default=cache_folder(name.replace("-", "_")), help="folder of the data")
     return parser
 
 

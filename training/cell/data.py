@@ -20,7 +20,7 @@ from cloth_envs.physics.particles.solver import NEIGHBOURS, ParticleSolver, net_
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
-from training.cache import cache_folder, cached_arrays, digest
+from training.cache import cached_arrays, digest
 from training.rollouts import replay
 
 # name -> scene and preset. The paper trains on the first two and tests on the others.
@@ -151,12 +151,10 @@ class Sums(NamedTuple):
     pinned: np.ndarray
 
 
-def sums(name: str, states: int, vertices: int, folder: Path | None = None) -> Sums:
-    """Sums of ``states`` states spread over the animation ``name``, from the user's cache or computed and kept there.
+def sums(name: str, states: int, vertices: int, folder: Path) -> Sums:
+    """Sums of ``states`` states (at most ``STEPS``) spread over the animation ``name``, kept in ``folder``.
 
-    Args:
-        states: at most ``STEPS``.
-        vertices: of the free ones, drawn anew for every state and weighted up to all.
+    ``vertices`` of the free ones are drawn anew for every state and weighted up to all.
     """
     given = case(name)
     key = digest(given.scene, states, vertices, STEPS, EPS, given.start.positions)
@@ -174,4 +172,4 @@ def sums(name: str, states: int, vertices: int, folder: Path | None = None) -> S
         free, pinned = zip(*found, strict=True)
         return {"free": np.stack(free), "pinned": np.stack(pinned)}
 
-    return Sums(**cached_arrays(cache_folder("physics_cnn", folder) / f"{name}_{key}.npz", make))
+    return Sums(**cached_arrays(folder / f"{name}_{key}.npz", make))

@@ -140,5 +140,13 @@ def train(
     steps = stage.epochs * parts
     if kept is not None:  # only between epochs, whose batches are drawn at once
         kept = replace(kept, every=parts * -(-kept.every // parts))
-    seconds = fit(cell, value, steps, lambda step: rate(step // parts), label=str(stage), kept=kept, rng=rng)
+    seconds = fit(
+        cell,
+        value,
+        steps,
+        lambda step: rate(step // parts),
+        label=f"{stage.schedule} from {stage.rate:g}",
+        kept=kept,
+        rng=rng,
+    )
     return loss(numbers_of(cell).detach().numpy()), seconds

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from cloth_envs.material import Material
+from cloth_envs.presets import load_preset
 from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.world import World
@@ -21,7 +22,8 @@ from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
 from surrogates.upscale.local_features import NODES, cells, features, flat_features, spacing, stiffness_numbers
 from surrogates.upscale.patches import dense_grid
 from training.cache import cached_arrays, digest
-from training.rollouts import Recording, record, replay, seeded_actions
+from training.rollouts import record, replay, seeded_actions
+from training.upscaler.data import read
 
 FRAMES = (1, 2, 3, 5, 7)  # after a restart, at which pairs are taken
 STARTS = (10, 25, 40, 55, 70, 85, 100)  # frames of an episode, at which windows begin
@@ -30,11 +32,9 @@ RANGE = (0.5, 2.0)  # of areal density and stretch stiffness over the scene's ow
 
 @dataclass(frozen=True)
 class Windows:
-    """N windows: the coarse cloth after each of ``FRAMES`` and the truth at that time.
+    """N windows: the coarse cloth after each of ``FRAMES`` by factor, ``(N, len(FRAMES), 3, h, w)``, and the truth.
 
-    Attributes:
-        coarse: factor -> ``(N, len(FRAMES), 3, h, w)``. truth: ``(N, len(FRAMES), 3, H, W)``, float32 [m].
-        materials: of every window.
+    Positions are in float32 [m].
     """
 
     scene: Scene
@@ -46,6 +46,19 @@ class Windows:
     def key(self) -> str:
         """Sixteen digits that tell the content."""
         return digest(self.truth, *(self.coarse[factor] for factor in sorted(self.coarse)))
+
+
+def of_teacher(scene: str, preset: str, paths: Sequence[Path]) -> Windows:
+    """Stored trajectories at factor 2, as many frames a window as ``FRAMES`` has, down-sampled instead of simulated."""
+    fine, materials, length = [], [], len(FRAMES)
+    for path in paths:
+        one = read(path, 2)
+        task = load_preset(scene, {"name": preset, "mass": one.mass, "spring": one.spring})
+        fine.append(one.fine[1 : 1 + (len(one.fine) - 1) // length * length].reshape(-1, length, *one.fine.shape[1:]))
+        materials += [task.material] * len(fine[-1])
+    task, truth = load_preset(scene, preset), np.concatenate(fine)
+    described = task.make_scene(resolution=task.resolution, material=task.material)
+    return Windows(described, {2: truth[..., ::2, ::2]}, truth, materials)
 
 
 def varied(scene: Scene) -> dict[str, tuple[float, float]]:
@@ -73,16 +86,16 @@ def simulate(
     actions = seeded_actions(world, seeds, ["smooth"], max(starts) + max(FRAMES))
     run = record(world, actions, [start + frame for start in starts for frame in (0, *FRAMES)], seeds=seeds)
     run = run.only(run.good)
-    coarse = {f: np.concatenate([_window(run, start, f, scaling) for start in starts]) for f in factors}
+    coarse: dict[int, np.ndarray] = {}
+    for factor in factors:
+        cloth = CoarsePhysics(run.scene, num_envs=len(run.materials), factor=factor, scaling=scaling)
+        found = []
+        for start in starts:
+            after = replay(cloth, run.states[start], run.controls[start : start + max(FRAMES)], run.materials)
+            found.append(np.stack([state.positions for frame, (state, _) in enumerate(after, 1) if frame in FRAMES], 1))
+        coarse[factor] = np.concatenate(found)
     truth = [np.stack([run.states[start + f].positions for f in FRAMES], 1) for start in starts]
     return Windows(run.scene, coarse, np.concatenate(truth), run.materials * len(starts))
-
-
-def _window(run: Recording, start: int, factor: int, scaling: str) -> np.ndarray:
-    """Coarse positions at ``FRAMES``, ``(B, len(FRAMES), 3, h, w)``."""
-    coarse = CoarsePhysics(run.scene, num_envs=len(run.materials), factor=factor, scaling=scaling)
-    after = replay(coarse, run.states[start], run.controls[start : start + max(FRAMES)], run.materials)
-    return np.stack([state.positions for frame, (state, _) in enumerate(after, 1) if frame in FRAMES], 1)
 
 
 def join(parts: Sequence[Windows]) -> Windows:

@@ -7,11 +7,6 @@ from dataclasses import dataclass
 from surrogates.cell.stencil import BRANCHES
 
 DATA = {"fall": ("fall",), "blow": ("blow",), "both": ("fall", "blow")}  # animations that a cell is fitted to
-BASES = {
-    "shared": "basis (d / L - n, n), opposite neighbours share weights",
-    "free": "basis (d / L - n, n), 12 weights a branch",
-    "published": "alpha and beta themselves, 12 weights a branch",
-}
 
 
 @dataclass(frozen=True)
@@ -26,17 +21,13 @@ class Stage:
     schedule: str
     branches: tuple[str, ...] = BRANCHES
 
-    def __str__(self) -> str:
-        frozen = "" if self.branches == BRANCHES else f" of {', '.join(self.branches)} alone"
-        return f"{self.epochs} epochs from {self.rate:g}, {self.schedule}{frozen}"
-
 
 @dataclass(frozen=True)
 class Recipe:
     """How a cell is trained.
 
     Attributes:
-        data: one of ``DATA``. basis: one of ``BASES``.
+        data: one of ``DATA``.
         epochs: of the first stage.
         states: of every animation. vertices: free particles drawn of each.
         physics: lambda of eq. 8, the weight of the physics loss.
@@ -44,7 +35,6 @@ class Recipe:
     """
 
     data: str = "both"
-    basis: str = "shared"
     epochs: int = 2000
     states: int = 2500
     vertices: int = 2048
@@ -60,10 +50,3 @@ class Recipe:
             Stage(1e-3, max(1, self.epochs // 4), "cosine"),
             Stage(1e-3, max(1, self.epochs // 8), "cosine", ("derivative",)),
         ]
-
-    def __str__(self) -> str:
-        return (
-            f"differential evolution, then Adam: {'; '.join(map(str, self.stages))}; batches of {self.batch} of "
-            f"{self.states} states a scene, {self.vertices} free particles a state, lambda {self.physics}; "
-            f"{BASES[self.basis]}"
-        )
