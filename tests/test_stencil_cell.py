@@ -21,10 +21,9 @@ from surrogates.cell.bodies import Ball
 from surrogates.cell.stencil import BRANCHES, StencilCell, difference_kernels
 from surrogates.cell.step import Held, step
 from training.cell.data import Sums, accelerations, design, links
-from training.cell.solve import Loss, as_cell, branch_scales, least_squares, numbers_of, train
+from training.cell.solve import Loss, Recipe, Stage, as_cell, branch_scales, least_squares, numbers_of, train
 from training.cell.train import adam
 from training.fit import Kept
-from training.recipes.cell import Recipe, Stage
 
 EPS = np.finfo(float).eps
 NET = Particles()

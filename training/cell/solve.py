@@ -15,11 +15,43 @@ from surrogates.cell.stencil import BRANCHES, StencilCell
 from training.cell.data import EPS, STEPS, Sums, case, design, links, samples
 from training.cell.sheets import solve
 from training.fit import Kept, Rate, cosine, fit, halved
-from training.recipes.cell import Stage
 
 COUNT = len(NEIGHBOURS)
 SCHEDULES: dict[str, Callable[[float, int], Rate]] = {"step": halved, "cosine": cosine}
+DATA = {"fall": ("fall",), "blow": ("blow",), "both": ("fall", "blow")}  # animations that a cell is fitted to
 DECADES = 8.0  # of the scales that differential evolution looks through, 1e-1 to 1e7 per kg
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Adam on ``branches``, the others frozen, over ``epochs`` from ``rate`` by a schedule of ``SCHEDULES``."""
+
+    rate: float
+    epochs: int
+    schedule: str
+    branches: tuple[str, ...] = BRANCHES
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a cell is trained."""
+
+    data: str = "both"  # one of DATA
+    epochs: int = 2000  # of the first stage
+    states: int = 2500  # of every animation
+    vertices: int = 2048  # free particles drawn of each state
+    physics: float = 0.5  # lambda of eq. 8, the weight of the physics loss
+    batch: int = 256  # states
+    seed: int = 0
+
+    @property
+    def stages(self) -> list[Stage]:
+        """The paper's: 1e-2 with step decay, then cosine annealing from 1e-3; then one branch, the others frozen."""
+        return [
+            Stage(1e-2, self.epochs, "step"),
+            Stage(1e-3, max(1, self.epochs // 4), "cosine"),
+            Stage(1e-3, max(1, self.epochs // 8), "cosine", ("derivative",)),
+        ]
 
 
 def as_cell(numbers: np.ndarray, mass: float = 1.0) -> Cell:

@@ -27,10 +27,20 @@ from training.cache import digest
 from training.cell.data import CASES, case, sums
 from training.cell.score import Run, errors
 from training.cell.sheets import identify, sheet_errors
-from training.cell.solve import Fit, Loss, as_cell, branch_scales, least_squares, numbers_of, rows, train
+from training.cell.solve import (
+    DATA,
+    Fit,
+    Loss,
+    Recipe,
+    as_cell,
+    branch_scales,
+    least_squares,
+    numbers_of,
+    rows,
+    train,
+)  # fmt: skip
 from training.command import parser_of, read
 from training.fit import Kept
-from training.recipes.cell import DATA, Recipe
 
 CLOSED_FORM = "least_squares"
 

@@ -54,34 +54,27 @@ class Episodes:
         return SETTLE + every * frames.ravel(), members.ravel()
 
 
-def simulate(scene: str, seeds: Sequence[int], factor: int, policies: Sequence[str]) -> Episodes:
-    """Run the scene at full resolution at its largest stable step; episodes that fail are left out.
+def episodes(scene: str, seeds: Sequence[int], factor: int, policies: Sequence[str], folder: Path) -> Episodes:
+    """Runs at full resolution at the largest stable step, kept in ``folder``; those that fail are left out.
 
     ``policies`` take turns over the seeds.
     """
     world = World(scene, num_envs=len(seeds))
     fine, coarse = world.scene.grid, coarse_grid(world.scene.grid, factor)
-    actions = seeded_actions(world, seeds, policies, FRAMES, least=FRAMES)
-    run = record(
-        world, actions, range(1, FRAMES + 1), seeds=seeds, take=lambda s: on_grid(s, fine, coarse).astype(np.float32)
-    )
-    run = run.only(run.good)
-    x, v = (np.stack([getattr(s, name) for s in run.states.values()]) for name in ("positions", "velocities"))
-    controls = {f.name: np.stack([getattr(c, f.name) for c in run.controls]) for f in fields(Controls)}
-    return Episodes(world.scene, factor, x, v, controls)
-
-
-def episodes(scene: str, seeds: Sequence[int], factor: int, policies: Sequence[str], folder: Path) -> Episodes:
-    """``simulate``, kept in ``folder`` under a name that tells the scene as it is."""
-    described = World(scene).scene
 
     def make() -> dict[str, np.ndarray]:
-        made = simulate(scene, seeds, factor, policies)
-        return {"x": made.positions, "v": made.velocities} | made.controls
+        actions = seeded_actions(world, seeds, policies, FRAMES, least=FRAMES)
+        small = lambda state: on_grid(state, fine, coarse).astype(np.float32)  # noqa: E731
+        run = record(world, actions, range(1, FRAMES + 1), seeds=seeds, take=small)
+        run = run.only(run.good)
+        x, v = (np.stack([getattr(s, name) for s in run.states.values()]) for name in ("positions", "velocities"))
+        return {"x": x, "v": v} | {
+            f.name: np.stack([getattr(c, f.name) for c in run.controls]) for f in fields(Controls)
+        }
 
-    key = digest(described, list(seeds), factor, list(policies), FRAMES)
+    key = digest(world.scene, list(seeds), factor, list(policies), FRAMES)
     kept = cached_arrays(folder / f"{scene}_{key}.npz", make)
-    return Episodes(described, factor, kept.pop("x"), kept.pop("v"), kept)
+    return Episodes(world.scene, factor, kept.pop("x"), kept.pop("v"), kept)
 
 
 class Course:

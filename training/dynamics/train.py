@@ -8,7 +8,7 @@ frames that it runs with the coarse solver. Their gradients pass through a frame
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from json import dumps
 from pathlib import Path
@@ -24,12 +24,31 @@ from training.cache import digest
 from training.command import is_done, keep, parser_of, read
 from training.dynamics.data import FRAMES, SETTLE, Course, Episodes, episodes
 from training.fit import Best, Kept, cosine, fit
-from training.recipes.dynamics import FIRST_SEED, HELD_OUT, POLICIES, Recipe
 
+FIRST_SEED, HELD_OUT = 1000, (200, 201, 202, 203, 204)
+POLICIES = ("smooth", "random", "smooth", "bang-bang")  # of training; the first is scored
 SHOWN = (1, 5, 10)  # frames of the card's errors
 CHECKED, LOOK = 32, 50
 RISE, NORM = 30, 0.1  # steps over which the rate rises, and the largest norm of a gradient
 CLIP, LIMIT = 6.0, 10.0  # standard deviations of features, and of answers
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a correction is trained: ``warm`` steps on single frames, then ``steps`` on windows of ``horizon`` frames."""
+
+    seeds: int = 64  # of episodes
+    hidden: int = 48  # units of both hidden layers
+    warm: int = 600
+    steps: int = 400
+    horizon: int = 10
+    batch: int = 12  # windows
+    rate: float = 3e-3  # of Adam on single frames, half of it on windows; it falls along half a cosine
+    # What share of a gradient reaches the frame before. 1 diverges where frames are long and wind drives.
+    memory: float = 1.0
+    velocities: float = 0.3  # weight of their errors beside those of positions
+    seed: int = 0
+    scaling: str = "closure"  # of the miniature
 
 
 class Trainer:

@@ -11,7 +11,7 @@ et al. 2019: these weights stay in the cache, where ``minicloth bench tables`` f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import product
 from json import dumps, loads
@@ -48,12 +48,28 @@ from training.local.data import (
     small,
     varied,
 )  # fmt: skip
-from training.recipes.local import FACTORS, FIRST_SEED, HELD_OUT, Recipe
-from training.recipes.upscaler import work_folder
 from training.upscaler.data import data_hash, shards
+from training.upscaler.recipes import work_folder
 
+FACTORS = (2, 3, 4)
+FIRST_SEED, HELD_OUT = 1000, range(200, 205)
 SHOWN = (1, 5)  # frames of the card's errors
 PRESET = "lee2019"
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a pair of upscalers is trained, the network by Adam with a rate that falls along half a cosine."""
+
+    seeds: tuple[int, int] = (24, 16)  # of episodes with the scene's own material, and with a random one
+    hidden: tuple[int, int, int] = (18, 18, 18)  # units of the network at factors 2, 3 and 4; small ones for speed
+    patches: int = 400_000  # of all windows and frames, drawn at random
+    steps: int = 3000
+    batch: int = 4096
+    rate: float = 3e-3
+    ridge: float = 1e-5  # of the regression's diagonal
+    seed: int = 0
+    scaling: str = "calibrated"  # of the miniature
 
 
 def fit_ridge(data: Pairs, recipe: Recipe) -> dict[str, np.ndarray]:
@@ -122,17 +138,15 @@ def episodes(scene: str, recipe: Recipe, cache: Path) -> tuple[Windows, dict[str
     described = World(scene).scene
     miniatures = [CoarsePhysics(described, factor=f, scaling=recipe.scaling).scene for f in FACTORS]
 
-    def some(first: int, count: int, random: bool) -> Windows:
+    def some(seeds: range, random: bool) -> Windows:
         ranges = varied(described) if random else None
-        seeds = range(first, first + count)
         path = cache / f"{scene}_{digest(described, miniatures, seeds, FRAMES, STARTS, ranges)}.npz"
         make = partial(simulate, scene, seeds, FACTORS, randomize=ranges, scaling=recipe.scaling)
         return cached(described, path, make)
 
-    own, other = recipe.seeds
-    train = join([some(FIRST_SEED, own, False), some(FIRST_SEED + own, other, True)])
-    first, count = HELD_OUT[0], len(HELD_OUT)
-    return train, {"held out": some(first, count, False), "held out, varied material": some(first, count, True)}
+    first, middle, last = FIRST_SEED, FIRST_SEED + recipe.seeds[0], FIRST_SEED + sum(recipe.seeds)
+    train = join([some(range(first, middle), False), some(range(middle, last), True)])
+    return train, {"held out": some(HELD_OUT, False), "held out, varied material": some(HELD_OUT, True)}
 
 
 def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: Path) -> None:

@@ -26,8 +26,8 @@ from surrogates.checkpoint import WEIGHTS, save
 from surrogates.upscale.mlp import Mlp
 from training.fit import Kept, cosine, fit
 from training.generate import data_folder
-from training.recipes.upscaler import RECIPES, SHIPPED, Recipe, weights_name, work_folder
 from training.upscaler.data import Pairs, data_hash, read, shards
+from training.upscaler.recipes import RECIPES, SHIPPED, Recipe, weights_name, work_folder
 
 PROBE = 100_000  # pairs for the statistics, and for the errors of the card
 LEAST_VARIANCE = 1e-7  # of a principal component that is whitened, over the largest one's

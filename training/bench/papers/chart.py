@@ -11,7 +11,7 @@ from training.bench.charts import SHADE, WIDTH, dress, legend, save
 from training.bench.papers.published import TABLE_7
 from training.bench.papers.rows import FrameErrorRow, PublishedRow
 from training.bench.papers.runs import UNSCALED
-from training.recipes.upscaler import SCENES
+from training.upscaler.recipes import SCENES
 
 # method -> name, colour (Okabe & Ito 2008), marker, line. Other upscalers take what is left.
 LOOKS: dict[str, tuple[str, str, str, str]] = {

@@ -11,8 +11,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from cloth_envs.state import State
 from training.bench.papers.runs import HISTORY, decimated, miniature, teacher, unscaled, upscalers
-from training.recipes.upscaler import work_folder
 from training.rollouts import Recording
+from training.upscaler.recipes import work_folder
 
 # Scene, the preset's options, how many frames.
 SHOWN: tuple[tuple[str, dict[str, float], int], ...] = (

@@ -25,9 +25,9 @@ from training.bench.papers import runs
 from training.bench.papers.readings import READINGS, measured
 from training.bench.papers.rows import FrameErrorRow, PublishedRow
 from training.bench.participants import Participant
-from training.recipes.upscaler import FACTORS, SCENES, Recipe
 from training.rollouts import Recording
 from training.rows import Store
+from training.upscaler.recipes import FACTORS, SCENES, Recipe
 
 HORIZONS = (10, 14, 25, 100)  # frames of free runs
 WINDOW, HELD_OUT = 20, 12

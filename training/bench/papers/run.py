@@ -27,8 +27,8 @@ from training.bench.papers.published import TABLE_4, TABLE_8
 from training.bench.papers.runs import PRESET, by_frame, cloths, follow, shrunk, solver, teacher
 from training.bench.participants import extra
 from training.cell.data import STEPS
-from training.recipes.upscaler import SCENES, work_folder
 from training.rollouts import Recording
+from training.upscaler.recipes import SCENES, work_folder
 
 # The paper's: error, ms on its authors' machine.
 TABLE_6 = {"bilinear": (1.826e-3, 17.7), "biquadratic": (1.825e-3, 17.7), "bicubic": (1.825e-3, 17.8)}
