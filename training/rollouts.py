@@ -58,10 +58,7 @@ class Recording:
 def seeded_actions(
     world: World, seeds: Sequence[int], policies: Sequence[str], frames: int, *, least: int = 200
 ) -> np.ndarray:
-    """Open-loop actions ``(frames, B, A)``, one seed a cloth; ``policies`` take turns over the seeds.
-
-    They are drawn for ``least`` frames or more: a signal depends on how long it is.
-    """
+    """Open-loop actions ``(frames, B, A)`` of seeds, over which ``policies`` take turns, drawn for ``least``+."""
     size, dt = len(world.task.actions), world.scene.frame_dt
     turns = [policies[i % len(policies)] for i in range(len(seeds))]
     drawn = [open_loop(policy, max(frames, least), size, dt, seed) for policy, seed in zip(turns, seeds, strict=True)]
@@ -88,9 +85,8 @@ def record(
         reasons = world.step(action)[1]
         assert world.controls is not None
         controls.append(Controls(**{name: np.array(value) for name, value in vars(world.controls).items()}))
-        failures = [
-            old or (f"{new} at frame {frame}" if new else "") for old, new in zip(failures, reasons, strict=True)
-        ]
+        told = [f"{reason} at frame {frame}" if reason else "" for reason in reasons]
+        failures = [old or new for old, new in zip(failures, told, strict=True)]
         if frame in wanted:
             states[frame] = take(world.state)
     return Recording(world.scene, states, controls, list(world.materials), failures)
@@ -99,10 +95,9 @@ def record(
 def play(
     world: World, policy: Callable[[np.ndarray], np.ndarray], seeds: Sequence[int], frames: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean reward per frame of an episode of every member of ``world``, and which of them failed, both ``(B,)``.
+    """Mean reward per frame of an episode from every seed, and which of them failed, both ``(B,)``.
 
-    Member i starts from ``seeds[i]``; ``policy`` turns observations of the batch into actions. A failed one earns
-    nothing from then on.
+    ``policy`` turns observations of the batch into actions. A failed member earns nothing from then on.
     """
     world.reset({i: np_random(seed)[0] for i, seed in enumerate(seeds)})
     total, alive = np.zeros(len(seeds)), np.ones(len(seeds), bool)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from time import process_time
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -59,8 +60,7 @@ def as_cell(numbers: np.ndarray, mass: float = 1.0) -> Cell:
     return Cell(mass * numbers[: 3 * COUNT].reshape(3, COUNT).T.copy(), mass * numbers[3 * COUNT :], EPS)
 
 
-@dataclass(frozen=True)
-class Fit:
+class Fit(NamedTuple):
     """``numbers`` in the order of ``design`` [per kg], and the seconds of the processor that it took."""
 
     numbers: np.ndarray
@@ -90,9 +90,8 @@ def least_squares(given: tuple[np.ndarray, np.ndarray]) -> Fit:
 class Loss:
     """Eq. 8 over states: ``lambda MSE(impulses) + (1 - lambda) MSE(positions and velocities after the step)``.
 
-    In one step without contact the new velocity errs by ``decay h`` times the acceleration's error and the position by
-    ``h`` times that, so both terms are quadratic forms of the same error. They differ in what they see: the physics
-    loss all particles, the data loss those that move. ``forms`` is ``(T, 40, 40)``, of every state.
+    Without contact the new velocity errs by ``decay h`` times the acceleration's error and the position by ``h`` times
+    that: both are quadratic forms of it, of all particles and of those that move. ``forms`` is ``(T, 40, 40)``.
     """
 
     forms: np.ndarray
@@ -134,10 +133,8 @@ def branch_scales(
         values = value(genes)
         return np.log(((small @ values) * values).sum(0))
 
-    best = differential_evolution(
-        logarithm, [(-1.0, 1.0)] * 4, seed=seed, tol=1e-10, maxiter=1000, popsize=25, vectorized=True,
-        updating="deferred", polish=False,
-    )  # fmt: skip
+    options = {"tol": 1e-10, "maxiter": 1000, "popsize": 25, "updating": "deferred", "polish": False}
+    best = differential_evolution(logarithm, [(-1.0, 1.0)] * 4, seed=seed, vectorized=True, **options)
     return tuple(value(best.x)[:4].tolist()), process_time() - start
 
 
@@ -147,7 +144,7 @@ def numbers_of(cell: StencilCell) -> torch.Tensor:
 
 
 def train(
-    cell: StencilCell, loss: Loss, stage: Stage, *, batch: int = 256, seed: int = 0, kept: Kept | None = None
+    cell: StencilCell, loss: Loss, stage: Stage, *, batch: int, seed: int = 0, kept: Kept | None = None
 ) -> tuple[float, float]:
     """Adam on batches of whole states, ``cell`` (of float64) changed in place; the loss after it and the seconds."""
     rng, upper = np.random.default_rng(seed), np.triu_indices(loss.forms.shape[1])

@@ -62,30 +62,26 @@ class Trainer:
         self.unit, self.dt = np.float32(coarse.grid.row_spacing), np.float32(coarse.frame_dt)
         self.correction = Correction(coarse, {})
         self.share = torch.from_numpy(self.correction.share[:, None])
-        self._measure()
+        # Single frames from the truth, for the first steps and the scales.
+        frame, member = self.windows(256)
+        after = Course(data, recipe.scaling).run(frame, member, 1)[0][0]
+        x, turn = self.correction.features(data.state(frame, member), after)
+        truth = data.state(frame + 1, member)
+        gaps = (truth.positions - after.positions, (truth.velocities - after.velocities) * self.dt)
+        y = np.stack([_rows(gap) / self.unit for gap in gaps], 2) @ np.swapaxes(turn, -1, -2)
+        scales = x.mean((0, 1)), x.std((0, 1)) + 1e-3, y.std((0, 1, 3)).repeat(3)
+        self.centre, self.spread, self.scale = (torch.from_numpy(a.astype(np.float32)) for a in scales)
+        widths = [x.shape[-1], *[recipe.hidden] * (LAYERS - 1), 6]
+        self.layers = torch.nn.ModuleList(torch.nn.Linear(a, b) for a, b in pairwise(widths))
+        for parameter in self.layers[-1].parameters():
+            torch.nn.init.zeros_(parameter)
+        self.frames = self.read(x), torch.from_numpy(y.reshape(*y.shape[:2], 6)) / self.scale
+        self.expose()
 
     def windows(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Frames and members of random windows."""
         first = self._rng.integers(SETTLE, FRAMES - self.recipe.horizon, count)
         return first, self._rng.integers(self.data.positions.shape[1], size=count)
-
-    def _measure(self) -> None:
-        """Single frames from the truth, for the first steps and the scales."""
-        frame, member = self.windows(256)
-        after = Course(self.data, self.recipe.scaling).run(frame, member, 1)[0][0]
-        x, turn = self.correction.features(self.data.state(frame, member), after)
-        truth = self.data.state(frame + 1, member)
-        gaps = (truth.positions - after.positions, (truth.velocities - after.velocities) * self.dt)
-        y = np.stack([_rows(gap) / self.unit for gap in gaps], 2) @ np.swapaxes(turn, -1, -2)
-        centre, spread = x.mean((0, 1)), x.std((0, 1)) + 1e-3
-        scale = y.std((0, 1, 3)).repeat(3).astype(np.float32)
-        widths = [x.shape[-1], *[self.recipe.hidden] * (LAYERS - 1), 6]
-        self.layers = torch.nn.ModuleList(torch.nn.Linear(a, b) for a, b in pairwise(widths))
-        for parameter in self.layers[-1].parameters():
-            torch.nn.init.zeros_(parameter)
-        self.centre, self.spread, self.scale = (torch.from_numpy(a.astype(np.float32)) for a in (centre, spread, scale))
-        self.frames = self.read(x), torch.from_numpy(y.reshape(*y.shape[:2], 6)) / self.scale
-        self.expose()
 
     def read(self, features: np.ndarray) -> torch.Tensor:
         """What the network reads of ``features``: centred, over their spread, and clipped."""
@@ -108,10 +104,7 @@ class Trainer:
         self.correction.arrays = {n: v.numpy() for n, v in zip(ARRAYS, values, strict=True)}
 
     def fit(self, kept: Path, mark: str, label: str = "") -> dict[str, np.ndarray]:
-        """The arrays that were best on ``CHECKED`` windows of the training data, looked at every ``LOOK`` steps.
-
-        ``<kept>.0.pt`` and ``<kept>.1.pt`` hold a training on frames and on windows that was stopped.
-        """
+        """The arrays that were best on ``CHECKED`` windows; ``<kept>.0.pt`` and ``.1.pt`` hold what was stopped."""
         recipe, stages = self.recipe, [Kept(kept.with_name(f"{kept.name}.{k}.pt"), mark, every=LOOK) for k in range(2)]
 
         def run(kept: Kept, loss: Callable[[], torch.Tensor], steps: int, rate: float, best: Best | None) -> None:
@@ -152,10 +145,10 @@ class Trainer:
         of_x, of_v = (np.zeros_like(_rows(states[0].positions)) for _ in range(2))  # gradients by both
         for k in range(recipe.horizon - 1, -1, -1):
             now = data.state(frame + k + 1, member)
-            of_v = recipe.memory * (of_v + self.dt * of_x) + recipe.velocities * _pull(
-                states[k].velocities - now.velocities, usual[1, k]
-            )
-            of_x = recipe.memory * of_x + _pull(states[k].positions - now.positions, usual[0, k])
+            gaps = states[k].positions - now.positions, states[k].velocities - now.velocities
+            pull_x, pull_v = (_pull(gap, size[k]) for gap, size in zip(gaps, usual, strict=True))
+            of_v = recipe.memory * (of_v + self.dt * of_x) + recipe.velocities * pull_v
+            of_x = recipe.memory * of_x + pull_x
             x, turn = seen[k]
             gradient = np.stack([of_x, of_v / self.dt], 2) @ np.swapaxes(turn, -1, -2) * self.unit
             weight = torch.from_numpy(gradient.reshape(*x.shape[:2], 6)) * self.scale

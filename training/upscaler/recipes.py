@@ -18,25 +18,19 @@ SHAPES = ((4, 32), (3, 64), (4, 64), (5, 64), (4, 128))  # of table 5
 
 @dataclass(frozen=True)
 class Recipe:
-    """A network and its training.
+    """A network and its training by Adam, whose rate falls along half a cosine.
 
-    Attributes:
-        scene, preset, factor: what it is for.
-        inputs: ``"oracle"`` or ``"real"`` pairs, or the ``"triangles"`` of an H-DNN-like level.
-        features: ``"positions"``, ``"velocities"`` or ``"frames"``.
-        layers, width: ``U*FC-V``, hidden layers and their width.
-        start: ``"bilinear"``: twelve units of each hidden layer pass the corners on, so that the network starts as
-            bilinear interpolation, and stay as they are; ``"random"``: all units start at random.
-        steps, batch, rate: of Adam; the rate falls along half a cosine.
+    ``start="bilinear"``: twelve units of each hidden layer pass the corners on, so that the network starts as bilinear
+    interpolation, and stay as they are; ``"random"``: all units start at random.
     """
 
     scene: str
     factor: int = 2
     preset: str = "lee2019"
-    inputs: str = "oracle"
-    features: str = "frames"
-    layers: int = 4
-    width: int = 64
+    inputs: str = "oracle"  # of upscaler.data.INPUTS
+    features: str = "frames"  # or "positions", "velocities"
+    layers: int = 4  # hidden ones: U of U*FC-V
+    width: int = 64  # V
     start: str = "bilinear"
     steps: int = 6000
     batch: int = 1024
@@ -68,7 +62,7 @@ SHIPPED = {f"{kind}-{scene.lower()}-{factor}" for kind in ("fc", "hdnn") for sce
 
 
 def weights_name(name: str) -> str:
-    """Of the weights that recipe ``name`` makes: ``fc-flag-2`` makes ``fc_flag_2``."""
+    """Of recipe ``name``'s weights."""
     return name.replace("-", "_")
 
 
