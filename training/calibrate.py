@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +18,11 @@ from scipy.optimize import minimize
 from cloth_envs.machine import header
 from cloth_envs.registry import SCENES
 from cloth_envs.resample import resample
-from cloth_envs.scene import Scene
-from cloth_envs.state import Controls, State
 from surrogates.checkpoint import WEIGHTS
 from surrogates.miniature.closure import CLOSURE, FACTORS, load_factors
 from surrogates.miniature.coarse import CoarsePhysics
 from training.cache import cache_folder
-from training.rollouts import replay, stack_controls, stack_states
+from training.rollouts import Recording, replay, stack_controls, stack_states
 from training.rows import read_names
 from training.truth import Case, load
 
@@ -58,39 +55,28 @@ CLOSURE_BOUNDS = BOUNDS | {
 CLOSURE_START = {"damping": 1.0, "buckling_strain": 0.03, "post_buckling": 0.3, "compression_damping": 4.0}
 
 
-@dataclass(frozen=True)
-class Windows:
-    """A batch of short windows of truth: ``start``, the ``controls`` of every frame, positions ``ends`` after each."""
-
-    scene: Scene
-    start: State
-    controls: list[Controls]
-    ends: list[np.ndarray]
-
-
-def windows(scene: str, seeds: Sequence[int], horizon: int, folder: Path) -> Windows:
+def windows(scene: str, seeds: Sequence[int], horizon: int, folder: Path) -> Recording:
     """Windows of ``horizon`` frames of all ``seeds``, one after the other along the batch."""
-    described = Case(scene).world().scene
-    first = round(SETTLE / described.frame_dt)
+    first = round(SETTLE / Case(scene).world().scene.frame_dt)
     starts = [first + SPACING * k for k in range(WINDOWS)]
     keep = [start + frame for start in starts for frame in range(horizon + 1)]
     truths = [load(Case(scene, seed), max(keep), keep, folder) for seed in seeds]
     at = [(truth, start) for truth in truths for start in starts]
-    states = [stack_states([truth.states[start + k] for truth, start in at]) for k in range(horizon + 1)]
+    states = {k: stack_states([truth.states[start + k] for truth, start in at]) for k in range(horizon + 1)}
     controls = [stack_controls([truth.controls[start + k] for truth, start in at]) for k in range(horizon)]
-    return Windows(described, states[0], controls, [state.positions for state in states[1:]])
+    return Recording(truths[0].scene, states, controls, [], [])
 
 
-def errors(data: Windows, factor: int, **options: Any) -> tuple[np.ndarray, int]:
+def errors(data: Recording, factor: int, **options: Any) -> tuple[np.ndarray, int]:
     """Mean vertex error to decimated truth, ``(frames, windows)``, of the cloth's length; and the substeps."""
-    coarse, found = CoarsePhysics(data.scene, num_envs=data.start.batch, factor=factor, **options), []
-    for (state, _), end in zip(replay(coarse, data.start, data.controls), data.ends, strict=True):
-        gap = state.positions - resample(end, data.scene.grid, coarse.scene.grid)
+    coarse, found = CoarsePhysics(data.scene, num_envs=data.states[0].batch, factor=factor, **options), []
+    for frame, (state, _) in enumerate(replay(coarse, data.states[0], data.controls), 1):
+        gap = state.positions - resample(data.states[frame].positions, data.scene.grid, coarse.scene.grid)
         found.append(np.sqrt((gap**2).sum(1)).mean((1, 2)) / data.scene.grid.length)
     return np.array(found), int(coarse.solver.substeps[0])  # type: ignore[attr-defined]
 
 
-def fit(data: Windows, factor: int, scaling: str, evaluations: int, most: float) -> dict[str, float]:
+def fit(data: Recording, factor: int, scaling: str, evaluations: int, most: float) -> dict[str, float]:
     """Factors within bounds that make the windows' mean error over all frames least (Nelder-Mead, logarithms).
 
     The closure's errors are those over the calibrated one's of the same frame, so that the first frame counts too.
@@ -116,7 +102,7 @@ def fit(data: Windows, factor: int, scaling: str, evaluations: int, most: float)
     return dict(zip(names, np.exp(best.x).round(4).tolist(), strict=True))
 
 
-def card(data: Windows, factor: int, scaling: str, factors: dict[str, float]) -> dict[str, Any]:
+def card(data: Recording, factor: int, scaling: str, factors: dict[str, float]) -> dict[str, Any]:
     """Errors in % of the cloth's length after 1, 5 and (a closure) 10 frames, and substeps, of every scaling."""
     entry = {}
     for kind in ["similar", *(["calibrated"] if scaling == "closure" else []), scaling]:

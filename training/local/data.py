@@ -1,12 +1,11 @@
 """Data of the local upscalers: real runs of the miniature, restarted from truth, and the truth beside them.
 
-Truth is the explicit reference at its default step in float32. Some of the episodes have the scene's own material, the
-others one with random areal density and stretch stiffness.
+Truth is the explicit reference at its default step in float32, of the scene's own material or a random one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -63,26 +62,19 @@ def of_teacher(scene: str, preset: str, paths: Sequence[Path]) -> Windows:
 
 def varied(scene: Scene) -> dict[str, tuple[float, float]]:
     """The ranges of a world's ``randomize`` for materials of training."""
-    names = "areal_density", "stretch_stiffness"
-    own = {name: getattr(scene.material, name) for name in names}
+    own = {name: getattr(scene.material, name) for name in ("areal_density", "stretch_stiffness")}
     return {name: (RANGE[0] * value, RANGE[1] * value) for name, value in own.items()}
 
 
 def simulate(
-    scene: str,
-    seeds: Sequence[int],
-    factors: Sequence[int],
-    *,
-    randomize: Mapping[str, Sequence[float]] | None = None,
-    starts: Sequence[int] = STARTS,
-    scaling: str = "calibrated",
-    **options: Any,
-) -> Windows:
+    scene: str, seeds: Sequence[int], factors: Sequence[int], *, starts: Sequence[int] = STARTS,
+    scaling: str = "calibrated", **options: Any,
+) -> Windows:  # fmt: skip
     """Run the truth of every seed under smooth actions, and miniatures from each of ``starts``.
 
-    Episodes that fail are left out. ``options`` go to the world (``resolution``).
+    Episodes that fail are left out. ``options`` go to the world (``randomize``, ``resolution``).
     """
-    world = World(scene, num_envs=len(seeds), randomize=randomize, **options)
+    world = World(scene, num_envs=len(seeds), **options)
     actions = seeded_actions(world, seeds, ["smooth"], max(starts) + max(FRAMES))
     run = record(world, actions, [start + frame for start in starts for frame in (0, *FRAMES)], seeds=seeds)
     run = run.only(run.good)
@@ -147,10 +139,8 @@ def pairs(data: Windows, factor: int, most: int, seed: int = 0) -> Pairs:
         size, begin = 0.0, len(parts)
         for window in range(0, len(data.truth), 64):
             part = slice(window, window + 64)
-            x = np.ascontiguousarray(data.coarse[factor][part, frame])
-            truth = np.ascontiguousarray(data.truth[part, frame])
-            gap = decimate(truth) - bicubic(x)
-            read, turn = features(x, unit)
+            x, truth = (np.ascontiguousarray(a[part, frame]) for a in (data.coarse[factor], data.truth))
+            gap, (read, turn) = decimate(truth) - bicubic(x), features(x, unit)
             chosen = np.flatnonzero(rng.random(read.shape[0] * read.shape[1]) < share)
             wanted = (turn @ cells(gap) / np.float32(unit)).reshape(-1, 3, NODES)[chosen]
             size += float(np.sqrt((wanted**2).sum(1)).mean(1).sum())

@@ -83,10 +83,9 @@ class Pairs:
     ) -> None:
         task = load_task(scene)
         fine = Grid(*task.resolution, *task.size)
-        coarse = coarse_grid(fine, factor)
+        coarse, self.kind = coarse_grid(fine, factor), features
         dense = dense_grid(fine, coarse, factor)
         onto = None if dense.shape == fine.shape else Resampler(fine, dense)
-        self.kind = features
         self.layout: Layout = {
             "oracle": lambda: windows(*dense.shape, factor),
             "real": lambda: squares(*coarse.shape, factor),
@@ -96,22 +95,18 @@ class Pairs:
         at = base = 0
         for one in trajectories:
             target = one.fine if onto is None else onto(np.ascontiguousarray(one.fine, np.float32))
-            if inputs == "real":
-                runs, length = one.runs.shape[:2]
-                steps = length - PAST - 1
-                source = one.runs.reshape(-1, *one.runs.shape[2:])
-                now.append(at + np.add.outer(np.arange(runs) * length, PAST + 1 + np.arange(steps)).ravel())
-                then.append(base + 1 + np.arange(runs * steps))
-            else:
+            runs = one.runs
+            if inputs != "real":
                 step = factor if inputs == "triangles" else 1
                 level = target[:, :, ::step, ::step]
-                source = np.concatenate([np.repeat(level[:1], PAST, 0), level])  # it starts at rest
+                runs = np.concatenate([np.repeat(level[:1], PAST, 0), level])[None]  # one that starts at rest
                 target = target[:, :, :: max(step // 2, 1), :: max(step // 2, 1)]
-                now.append(at + PAST + 1 + np.arange(len(target) - 1))
-                then.append(base + 1 + np.arange(len(target) - 1))
+            count, length = runs.shape[:2]
+            now.append(at + np.add.outer(np.arange(count) * length, np.arange(PAST + 1, length)).ravel())
+            then.append(base + 1 + np.arange(len(now[-1])))
             source, target = (
-                np.ascontiguousarray(a.transpose(0, 2, 3, 1), np.float32).reshape(len(a), -1, 3)
-                for a in (source, target)
+                np.ascontiguousarray(np.moveaxis(a, -3, -1), np.float32).reshape(-1, a.shape[-2] * a.shape[-1], 3)
+                for a in (runs, target)
             )
             sources.append(source)
             targets.append(target)
