@@ -6,6 +6,7 @@ import _minicloth_kernels as kernels
 import numpy as np
 
 from cloth_envs.grid import Grid
+from cloth_envs.state import State
 
 
 def linear(old: int, new: int, *, periodic: bool = False) -> np.ndarray:
@@ -105,3 +106,9 @@ def resample(field: np.ndarray, source: Grid, target: Grid) -> np.ndarray:
         return field
     rows, cols = weights(source, target)
     return np.einsum("rh,...hw,cw->...rc", rows, field, cols, optimize=True)
+
+
+def on_grid(state: State, source: Grid, target: Grid) -> State:
+    """``state``, its cloth of ``source`` on the vertices of ``target``."""
+    cloth = {n: np.ascontiguousarray(resample(getattr(state, n), source, target)) for n in ("positions", "velocities")}
+    return State(**(state.arrays() | cloth))

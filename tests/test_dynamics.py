@@ -20,8 +20,7 @@ from surrogates.checkpoint import WEIGHTS, load
 from surrogates.miniature.backend import MiniatureBackend
 from surrogates.miniature.correction import ARRAYS, Correction, shipped, weights_name
 from training.dynamics.data import Course, Episodes, episodes
-from training.dynamics.train import LIMIT, Trainer, main
-from training.recipes.dynamics import Recipe
+from training.dynamics.train import LIMIT, Recipe, Trainer, main
 
 HIDDEN = 8
 SCENES = ("Flag", "BallDrop", "Curtain")  # wind, bodies, neither

@@ -27,9 +27,8 @@ from surrogates.miniature.coarse import coarse_grid
 from surrogates.upscale.local import Local, Ridge, weights_name
 from training.fit import Kept
 from training.local.data import cached, pairs, simulate, small, varied
-from training.local.train import SHOWN, centred, errors, fit_net, fit_ridge
+from training.local.train import SHOWN, Recipe, centred, errors, fit_net, fit_ridge
 from training.metrics.contact import inside
-from training.recipes.local import Recipe
 
 METHODS = (Local, Ridge)
 NAMES = tuple(kind.method for kind in METHODS)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.recording import RolloutWriter
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import State
 from training import metrics
@@ -178,30 +176,15 @@ def test_crossing_triangles() -> None:
     assert contact.crossing_triangles(GRID, np.concatenate([FLAT, rolled(0.3), poked])).tolist() == [0, 0, 1]
 
 
-def test_files_and_states_give_the_same(tmp_path: Path) -> None:
+def test_all_metrics_of_two_trajectories() -> None:
     scene = replace(BALL, colliders=())
     rng = np.random.default_rng(0)
-    runs = {}
-    for name in ("run", "truth"):
-        runs[name] = [State.still((FLAT + 0.01 * rng.normal(size=FLAT.shape)).astype(np.float32)) for _ in range(4)]
-        with RolloutWriter(tmp_path / f"{name}.h5", scene) as writer:
-            writer.begin()
-            for state in runs[name]:
-                writer.append(state)
-    found = metrics.compare_files(tmp_path / "run.h5", tmp_path / "truth.h5")
-    y = np.concatenate([s.positions for s in runs["truth"]])
-    span = errors.displacement_span(y, y[0])
-    one = metrics.at_frame(scene, runs["run"][2], runs["truth"][2], span=span)
-    for name, value in one.items():
-        assert found[name][2] == pytest.approx(value[0])
-    whole = metrics.over_frames(scene, runs["run"], runs["truth"])
-    assert found["flicker"] == pytest.approx(whole["flicker"][0])
-    assert found["tunnelled"] == 0
-    same = metrics.compare_files(tmp_path / "run.h5", tmp_path / "run.h5")
-    assert (same["error_max"] == 0).all()
+    run, truth = ([State.still(FLAT + 0.01 * rng.normal(size=FLAT.shape)) for _ in range(4)] for _ in range(2))
+    same, other = (metrics.at_frame(scene, state, truth[2], span=1.0) for state in (truth[2], run[2]))
+    assert (same["error_max"], same["inside"]) == (0, 0)
     assert same["bending_ratio"] == pytest.approx(1)
-    with RolloutWriter(tmp_path / "short.h5", scene) as writer:
-        writer.begin()
-        writer.append(runs["run"][0])
-    with pytest.raises(ValueError, match="one grid and length"):
-        metrics.compare_files(tmp_path / "short.h5", tmp_path / "truth.h5")
+    assert other["max_dx"] == errors.largest(run[2].positions, truth[2].positions) > 0
+    whole = metrics.over_frames(scene, run, truth)
+    x, y = (np.stack([s.positions for s in states]) for states in (run, truth))
+    assert whole["flicker"] == pytest.approx(errors.flicker(x, y, scene.frame_dt).mean(0))
+    assert whole["tunnelled"] == 0

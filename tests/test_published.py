@@ -36,8 +36,8 @@ from training.bench.papers.runs import (
     unscaled,
 )
 from training.bench.participants import extra
-from training.recipes.upscaler import SCENES, SHIPPED
 from training.rows import Store
+from training.upscaler.recipes import SCENES, SHIPPED
 
 FRAMES = 4
 

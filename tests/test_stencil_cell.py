@@ -20,10 +20,9 @@ from cloth_envs.state import Controls, State
 from surrogates.cell.engine import TorchNet
 from surrogates.cell.stencil import BRANCHES, StencilCell
 from training.cell.data import Sums, accelerations, design, links
-from training.cell.solve import Loss, as_cell, branch_scales, least_squares, numbers_of, train
+from training.cell.solve import Loss, Recipe, Stage, as_cell, branch_scales, least_squares, numbers_of, train
 from training.cell.train import adam
 from training.fit import Kept
-from training.recipes.cell import Recipe, Stage
 
 EPS = np.finfo(float).eps
 NET = Particles()
@@ -244,7 +243,7 @@ def test_training_goes_on_where_it_stopped(
 ) -> None:
     """All stages at once, and again with a stop in the second one."""
     blocks, wanted, _ = samples(8)
-    small, recipe = Sums(forms(blocks, wanted).forms, np.zeros((8, 40, 40))), Recipe("fall", "free", epochs=8, batch=4)
+    small, recipe = Sums(forms(blocks, wanted).forms, np.zeros((8, 40, 40))), Recipe("fall", epochs=8, batch=4)
     monkeypatch.setattr("training.cell.train.sums", lambda *_: small)
     monkeypatch.setattr("training.cell.train.branch_scales", lambda *_: ((1e4, 1.0, 200.0, -10.0), 0.0))
     whole, _ = adam(recipe, tmp_path / "whole")

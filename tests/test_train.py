@@ -16,8 +16,8 @@ from surrogates import checkpoint
 from surrogates.upscale.published import Mlp
 from training.fit import Kept
 from training.generate import Plan, generate
-from training.recipes.upscaler import RECIPES, SCENES, SHAPES, Recipe, weights_name
 from training.upscaler.data import Pairs, read, shards
+from training.upscaler.recipes import RECIPES, SCENES, SHAPES, Recipe, weights_name
 from training.upscaler.train import Scaling, errors, train
 
 Stopped = Callable[[int], AbstractContextManager[object]]

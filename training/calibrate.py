@@ -1,8 +1,7 @@
 """Fit the calibrated miniature and the closure: ``python -m training.calibrate --scaling calibrated|closure``.
 
-A few material factors per scene and grid factor are fitted so that short windows of the coarse cloth, started from
-decimated truth, end where the decimated truth does. The closure starts from the calibrated factors, adds a law of
-shortened springs, and may take few substeps. Resumable: what the file holds already is kept.
+Factors of the material are fitted so that short windows of the coarse cloth, started from decimated truth, end where
+that does. A closure starts from the calibrated factors. What the file holds already is kept.
 """
 
 from __future__ import annotations
@@ -10,25 +9,21 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize
-from tqdm import tqdm
 
 from cloth_envs.machine import header
-from cloth_envs.naming import unknown_name
 from cloth_envs.registry import SCENES
 from cloth_envs.resample import resample
-from cloth_envs.scene import Scene
-from cloth_envs.state import Controls, State
 from surrogates.checkpoint import WEIGHTS
 from surrogates.miniature.closure import CLOSURE, FACTORS, load_factors
 from surrogates.miniature.coarse import CoarsePhysics
 from training.cache import cache_folder
-from training.rollouts import replay, stack_controls, stack_states
+from training.rollouts import Recording, replay, stack_controls, stack_states
+from training.rows import read_names
 from training.truth import Case, load
 
 HORIZONS = {"calibrated": 5, "closure": 10}  # frames of a window
@@ -40,8 +35,7 @@ MOST_SUBSTEPS, SUBSTEPS_PRICE = 1.3, 2.0
 FIT_SEEDS, HELD_OUT_SEEDS = (100, 101, 102, 103), (200, 201, 202)
 SETTLE = 0.5  # s of the episode before the first window
 WINDOWS = 8  # of every seed
-# Bounds of the factors. A cloth that starts from decimated folds is pushed apart by its shortened edges; left free, a
-# fit escapes to cloth that is all mass and no spring, which goes straight on for five frames and sags after that.
+# Decimated folds push a cloth apart by their shortened edges; a fit without bounds escapes to all mass and no spring.
 BOUNDS = {
     "areal_density": (0.8, 1.25),
     "stretch_stiffness": (0.5, 2.0),
@@ -61,42 +55,28 @@ CLOSURE_BOUNDS = BOUNDS | {
 CLOSURE_START = {"damping": 1.0, "buckling_strain": 0.03, "post_buckling": 0.3, "compression_damping": 4.0}
 
 
-@dataclass(frozen=True)
-class Windows:
-    """A batch of short windows of truth: ``start``, the ``controls`` of every frame, positions ``ends`` after each."""
-
-    scene: Scene
-    start: State
-    controls: list[Controls]
-    ends: list[np.ndarray]
-
-
-def windows(scene: str, seeds: Sequence[int], horizon: int, folder: Path) -> Windows:
+def windows(scene: str, seeds: Sequence[int], horizon: int, folder: Path) -> Recording:
     """Windows of ``horizon`` frames of all ``seeds``, one after the other along the batch."""
-    described = Case(scene).world().scene
-    first = round(SETTLE / described.frame_dt)
+    first = round(SETTLE / Case(scene).world().scene.frame_dt)
     starts = [first + SPACING * k for k in range(WINDOWS)]
     keep = [start + frame for start in starts for frame in range(horizon + 1)]
     truths = [load(Case(scene, seed), max(keep), keep, folder) for seed in seeds]
     at = [(truth, start) for truth in truths for start in starts]
-    states = [stack_states([truth.states[start + k] for truth, start in at]) for k in range(horizon + 1)]
+    states = {k: stack_states([truth.states[start + k] for truth, start in at]) for k in range(horizon + 1)}
     controls = [stack_controls([truth.controls[start + k] for truth, start in at]) for k in range(horizon)]
-    return Windows(described, states[0], controls, [state.positions for state in states[1:]])
+    return Recording(truths[0].scene, states, controls, [], [])
 
 
-def errors(data: Windows, factor: int, **options: Any) -> tuple[np.ndarray, int]:
-    """Mean vertex error of the coarse cloth against decimated truth, ``(frames, windows)``, of the cloth's length.
-
-    With it the number of substeps.
-    """
-    coarse, found = CoarsePhysics(data.scene, num_envs=data.start.batch, factor=factor, **options), []
-    for (state, _), end in zip(replay(coarse, data.start, data.controls), data.ends, strict=True):
-        gap = state.positions - resample(end, data.scene.grid, coarse.scene.grid)
+def errors(data: Recording, factor: int, **options: Any) -> tuple[np.ndarray, int]:
+    """Mean vertex error to decimated truth, ``(frames, windows)``, of the cloth's length; and the substeps."""
+    coarse, found = CoarsePhysics(data.scene, num_envs=data.states[0].batch, factor=factor, **options), []
+    for frame, (state, _) in enumerate(replay(coarse, data.states[0], data.controls), 1):
+        gap = state.positions - resample(data.states[frame].positions, data.scene.grid, coarse.scene.grid)
         found.append(np.sqrt((gap**2).sum(1)).mean((1, 2)) / data.scene.grid.length)
     return np.array(found), int(coarse.solver.substeps[0])  # type: ignore[attr-defined]
 
 
-def fit(data: Windows, factor: int, scaling: str, evaluations: int, most: float = MOST_SUBSTEPS) -> dict[str, float]:
+def fit(data: Recording, factor: int, scaling: str, evaluations: int, most: float) -> dict[str, float]:
     """Factors within bounds that make the windows' mean error over all frames least (Nelder-Mead, logarithms).
 
     The closure's errors are those over the calibrated one's of the same frame, so that the first frame counts too.
@@ -110,65 +90,53 @@ def fit(data: Windows, factor: int, scaling: str, evaluations: int, most: float 
         base, usual = found.mean(1), min(own, most * errors(data, factor, scaling="similar")[1])
     bounds = np.log([limits[name] for name in names])
     start = np.log([begin.get(name, 1.0) for name in names]).clip(*bounds.T)
-    with tqdm(total=evaluations, desc=f"{data.scene.name} 1/{factor}", disable=None) as bar:
 
-        def loss(logs: np.ndarray) -> float:
-            bar.update()
-            factors = dict(zip(names, np.exp(logs).tolist(), strict=True))
-            found, substeps = errors(data, factor, scaling=scaling, factors=factors)
-            return float((found.mean(1) / base).mean()) + price * max(0.0, substeps / usual - 1)
+    def loss(logs: np.ndarray) -> float:
+        factors = dict(zip(names, np.exp(logs).tolist(), strict=True))
+        found, substeps = errors(data, factor, scaling=scaling, factors=factors)
+        return float((found.mean(1) / base).mean()) + price * max(0.0, substeps / usual - 1)
 
-        simplex = np.concatenate([start[None], start + 0.4 * np.diag(np.where(start >= bounds[:, 1] - 0.4, -1, 1))])
-        options = {"maxfev": evaluations, "initial_simplex": simplex.clip(*bounds.T), "xatol": 0.01, "fatol": 1e-7}
-        best = minimize(loss, start, method="Nelder-Mead", bounds=bounds, options={**options, "adaptive": True})
+    simplex = np.concatenate([start[None], start + 0.4 * np.diag(np.where(start >= bounds[:, 1] - 0.4, -1, 1))])
+    options = {"maxfev": evaluations, "initial_simplex": simplex.clip(*bounds.T), "xatol": 0.01, "fatol": 1e-7}
+    best = minimize(loss, start, method="Nelder-Mead", bounds=bounds, options={**options, "adaptive": True})
     return dict(zip(names, np.exp(best.x).round(4).tolist(), strict=True))
 
 
-def card(fitted: Windows, held_out: Windows, factor: int, scaling: str, factors: dict[str, float]) -> dict[str, Any]:
-    """The factors with their errors in % of the cloth's length after 1, 5 and (a closure) 10 frames."""
-    entry: dict[str, Any] = {"factors": factors}
-    others = ["similar"] if scaling == "calibrated" else ["similar", "calibrated"]
-    for name, data in (("fitted", fitted), ("held out", held_out)):
-        for kind in (*others, scaling):
-            own = {"factors": factors} if kind == scaling else {}
-            found, substeps = errors(data, factor, scaling=kind, **own)
-            marks = [frame for frame in (1, 5, 10) if frame <= len(found)]
-            mean = {str(frame): round(100 * float(found[frame - 1].mean()), 4) for frame in marks}
-            entry[f"{kind}, {name}"] = {**mean, "substeps": substeps}
+def card(data: Recording, factor: int, scaling: str, factors: dict[str, float]) -> dict[str, Any]:
+    """Errors in % of the cloth's length after 1, 5 and (a closure) 10 frames, and substeps, of every scaling."""
+    entry = {}
+    for kind in ["similar", *(["calibrated"] if scaling == "closure" else []), scaling]:
+        found, substeps = errors(data, factor, scaling=kind, factors=factors if kind == scaling else None)
+        mean = {str(k): round(100 * float(found[k - 1].mean()), 4) for k in (1, 5, 10) if k <= len(found)}
+        entry[kind] = {**mean, "substeps": substeps}
     return entry
 
 
-def main(argv: list[str] | None = None) -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Fit what the file lacks. Returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m training.calibrate", description=__doc__)
     parser.add_argument("--scaling", choices=list(HORIZONS), default="calibrated")
     parser.add_argument("--scenes", nargs="*", default=list(SCENES))
     parser.add_argument("--factors", nargs="*", type=int, default=[2, 3, 4])
     parser.add_argument("--evaluations", type=int, default=200, help="of the loss, per fit")
-    parser.add_argument(
-        "--substeps", type=float, default=MOST_SUBSTEPS, help="of a closure, over those of the scene's own material"
-    )
+    parser.add_argument("--substeps", type=float, default=MOST_SUBSTEPS, help="of a closure, over the similar cloth's")
     parser.add_argument("--out", type=Path, help="default: the shipped file of the scaling")
-    parser.add_argument("--fresh", action="store_true", help="fit again what the file holds already")
     options = parser.parse_args(argv)
-    for scene in options.scenes:
-        if scene not in SCENES:
-            raise unknown_name("scene", scene, SCENES)
     scaling, out = options.scaling, options.out or WEIGHTS / f"{options.scaling}.json"
     known = json.loads(out.read_text()) if out.is_file() else {"scenes": {}}
-    for scene in options.scenes:
-        wanted = [f for f in options.factors if options.fresh or str(f) not in known["scenes"].get(scene, {})]
-        if not wanted:
-            continue
-        frames = HORIZONS[scaling]
-        fitted, held_out = (
-            windows(scene, seeds, frames, cache_folder("truth")) for seeds in (FIT_SEEDS, HELD_OUT_SEEDS)
-        )
+    for scene in read_names(",".join(options.scenes), list(SCENES), "scene"):
+        done = known["scenes"].setdefault(scene, {})
+        wanted = [factor for factor in options.factors if str(factor) not in done]
+        seeds = {"fitted": FIT_SEEDS, "held out": HELD_OUT_SEEDS} if wanted else {}
+        data = {what: windows(scene, some, HORIZONS[scaling], cache_folder("truth")) for what, some in seeds.items()}
         for factor in wanted:
-            factors = fit(fitted, factor, scaling, options.evaluations, options.substeps)
-            entry = card(fitted, held_out, factor, scaling, factors)
-            entry["fit"] = {"evaluations": options.evaluations, "substeps": options.substeps}
-            known["scenes"].setdefault(scene, {})[str(factor)] = entry
+            factors = fit(data["fitted"], factor, scaling, options.evaluations, options.substeps)
+            told = {what: card(part, factor, scaling, factors) for what, part in data.items()}
+            done[str(factor)] = {
+                "factors": factors,
+                **{f"{kind}, {what}": found for what, entry in told.items() for kind, found in entry.items()},
+                "fit": {"evaluations": options.evaluations, "substeps": options.substeps},
+            }
             known["about"] = {
                 "errors": "mean vertex error of the coarse cloth, % of the cloth's length, after so many frames",
                 "fit seeds": FIT_SEEDS,
@@ -178,7 +146,7 @@ def main(argv: list[str] | None = None) -> int:
                 **header(),
             }
             out.write_text(json.dumps(known, indent=1) + "\n")
-            print(scene, factor, json.dumps(entry))
+            print(scene, factor, json.dumps(done[str(factor)]))
     return 0
 
 

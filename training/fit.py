@@ -47,35 +47,6 @@ class Best:
             self.least, self.weights = found, deepcopy(net.state_dict())
 
 
-@dataclass
-class _Training:
-    """What a checkpoint holds."""
-
-    net: torch.nn.Module
-    optimiser: torch.optim.Optimizer
-    rng: np.random.Generator | None
-    best: Best | None
-    done: int = 0
-    spent: float = 0.0  # s of the processor
-
-    def parts(self) -> dict[str, Any]:
-        """By name, of types that torch loads back without running code."""
-        parts: dict[str, Any] = {"net": self.net.state_dict(), "optimiser": self.optimiser.state_dict()}
-        parts |= {"done": self.done, "spent": self.spent}
-        if self.rng is not None:
-            parts["rng"] = json.dumps(self.rng.bit_generator.state)
-        return parts | ({"least": self.best.least, "best": self.best.weights} if self.best is not None else {})
-
-    def take_back(self, parts: dict[str, Any]) -> None:
-        self.net.load_state_dict(parts["net"])
-        self.optimiser.load_state_dict(parts["optimiser"])
-        self.done, self.spent = parts["done"], parts["spent"]
-        if self.rng is not None:
-            self.rng.bit_generator.state = json.loads(parts["rng"])
-        if self.best is not None:
-            self.best.least, self.best.weights = parts["least"], parts["best"]
-
-
 @dataclass(frozen=True)
 class Kept:
     """Where a training is kept meanwhile, and after its last step.
@@ -89,19 +60,20 @@ class Kept:
     mark: str
     every: int = 500
 
-    def read(self, training: _Training) -> None:
-        """Go on from what was written last, if anything was."""
-        if self.path.is_file():
-            parts = torch.load(self.path, weights_only=True)
-            if parts["mark"] != self.mark:
-                raise ValueError(f"{self.path} is of another recipe or other data: remove it to start again")
-            training.take_back(parts)
+    def read(self) -> dict[str, Any]:
+        """What was written last, or nothing."""
+        if not self.path.is_file():
+            return {}
+        parts: dict[str, Any] = torch.load(self.path, weights_only=True)
+        if parts["mark"] != self.mark:
+            raise ValueError(f"{self.path} is of another recipe or other data: remove it to start again")
+        return parts
 
-    def write(self, training: _Training) -> None:
+    def write(self, **parts: Any) -> None:
         """Replace the file, when the new one is whole on disk."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
         part = self.path.with_suffix(".part")
-        torch.save({"mark": self.mark, **training.parts()}, part)
+        torch.save({"mark": self.mark, **parts}, part)
         part.replace(self.path)
 
 
@@ -121,25 +93,27 @@ def fit(
 
     Args:
         net: parameters that require no gradient stay as they are.
-        loss: of a step. Its batch follows from the step's number and from ``rng``.
-        rate: of every step.
-        label: of the progress bar.
-        clip: largest norm of a gradient.
-        kept: where to go on.
-        rng: the generator that ``loss`` draws from, if it does.
+        loss: of a step. Its batch follows from the step's number and from ``rng``, the generator that it draws from.
+        label: of the progress bar. clip: largest norm of a gradient. kept: where to go on.
         best: whose weights are left in the end, instead of the last ones.
 
     Raises:
         ValueError: ``kept`` is of another training.
     """
     optimiser = torch.optim.Adam([p for p in net.parameters() if p.requires_grad])
-    training = _Training(net, optimiser, rng, best)
-    if kept is not None:
-        kept.read(training)
-    if best is not None and not training.done:
+    parts = kept.read() if kept is not None else {}
+    done, spent = parts.get("done", 0), parts.get("spent", 0.0)
+    if parts:
+        net.load_state_dict(parts["net"])
+        optimiser.load_state_dict(parts["optimiser"])
+        if rng is not None:
+            rng.bit_generator.state = json.loads(parts["rng"])
+        if best is not None:
+            best.least, best.weights = parts["best"]
+    elif best is not None:
         best.look(net)
-    clock, spent = process_time(), training.spent
-    for step in tqdm(range(training.done, steps), desc=label, initial=training.done, total=steps, disable=None):
+    begin = process_time() - spent
+    for step in tqdm(range(done, steps), desc=label, initial=done, total=steps, disable=None):
         for group in optimiser.param_groups:
             group["lr"] = rate(step)
         optimiser.zero_grad()
@@ -147,11 +121,14 @@ def fit(
         if clip is not None:
             torch.nn.utils.clip_grad_norm_(net.parameters(), clip)
         optimiser.step()
-        training.done, training.spent = step + 1, spent + process_time() - clock
-        if best is not None and (training.done % best.every == 0 or training.done == steps):
+        done, spent, last = step + 1, process_time() - begin, step + 1 == steps
+        if best is not None and (last or done % best.every == 0):
             best.look(net)
-        if kept is not None and (training.done % kept.every == 0 or training.done == steps):
-            kept.write(training)
+        if kept is not None and (last or done % kept.every == 0):
+            kept.write(
+                net=net.state_dict(), optimiser=optimiser.state_dict(), done=done, spent=spent,
+                rng=rng and json.dumps(rng.bit_generator.state), best=best and (best.least, best.weights),
+            )  # fmt: skip
     if best is not None and best.weights:
         net.load_state_dict(best.weights)
-    return training.spent
+    return spent

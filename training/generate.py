@@ -1,15 +1,8 @@
-"""``minicloth generate SCENE``: trajectories of a teacher at full resolution, and miniature runs beside it.
+"""``minicloth generate SCENE``: trajectories of the preset's teacher, and runs of its miniature beside it.
 
-The teacher is what the preset's paper ran (P-ADMM with 10 iterations for "lee2019"). Mass, spring constant and frame
-vary between trajectories, every second one moves by random smooth actions. Frames are stored, not pairs: ``dataset``
-cuts these out as they are needed. For every grid factor there are two inputs, never mixed:
-
-- *oracle*: the teacher's own positions, down-sampled; nothing is stored for it.
-- *real*: miniature runs (similar scaling, the teacher's solver and controls), started from the teacher's state again
-  after every ``window`` frames.
-
-One HDF5 file, a shard, holds one trajectory. It is renamed when it is whole, so a killed writer leaves good shards,
-and the next call goes on after them. Every fifth trajectory is held out.
+Mass, spring constant and frame vary between trajectories, every second one moves by random smooth actions, every fifth
+is held out. Stored are whole frames in HDF5 files, one a trajectory: the teacher's, and of every grid factor miniature
+runs, started from the teacher again after every ``window`` frames. What is there is kept.
 """
 
 from __future__ import annotations
@@ -19,6 +12,7 @@ import hashlib
 import json
 from collections import deque
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from functools import partial
 from multiprocessing import get_context
@@ -36,7 +30,6 @@ from surrogates.miniature.coarse import CoarsePhysics
 from training.cache import cache_folder
 from training.rollouts import Recording, record, replay, seeded_actions
 
-LAYOUT = 1
 HELD_OUT_EVERY = 5  # one trajectory of so many
 STEPS = (0.75, 1.0, 1.0, 1.25)  # frames of a trajectory, of the scene's own; one of these at random
 
@@ -53,7 +46,7 @@ class Plan:
     mass: tuple[float, float] = (1.5, 4.5)
     spring: tuple[float, float] = (40.0, 150.0)
     seed: int = 0
-    layout: int = LAYOUT
+    layout: int = 1
 
     def text(self) -> str:
         """With what the preset's options are today: data of another reading of the paper are another plan's."""
@@ -103,10 +96,7 @@ def simulate(task: Task, preset: str, rng: np.random.Generator, frames: int, pus
 
 
 def miniature_runs(plan: Plan, run: Recording, factor: int) -> np.ndarray:
-    """Coarse positions ``(windows, 3 + window, 3, h, w)``: two frames of the past, the start, and a miniature run.
-
-    The past is what the backend starts from: where the start came from at its velocity.
-    """
+    """Coarse positions ``(windows, 3 + window, 3, h, w)``: two frames of the past, the start, and a miniature run."""
     options = dict(solver_of(plan.preset))
     coarse = CoarsePhysics(run.scene, factor=factor, solver=options.pop("solver", "explicit"), options=options)
     coarse.frames, runs = 3 + plan.window, []
@@ -116,55 +106,43 @@ def miniature_runs(plan: Plan, run: Recording, factor: int) -> np.ndarray:
     return np.stack(runs)
 
 
-def write_shard(plan: Plan, folder: Path, index: int) -> Path:
+def write_shard(plan: Plan, folder: Path, index: int) -> None:
     """Simulate one trajectory and store it; the file appears under its name only when it is whole.
 
     Raises:
         ValueError: the teacher failed.
     """
     path, own = folder / f"{index:05d}.h5", draw(plan, index)
-    task = task_of(plan.scene, plan.preset, own)
     rng = np.random.default_rng((plan.seed, index, 1))
-    run = simulate(task, plan.preset, rng, plan.frames, own.push)
+    run = simulate(task_of(plan.scene, plan.preset, own), plan.preset, rng, plan.frames, own.push)
     positions = np.concatenate([state.positions for state in run.states.values()])
     part = path.with_suffix(".part")
     with h5py.File(part, "w") as file:
         file["positions"] = positions
         for factor in plan.factors:
             file[f"real/{factor}"] = miniature_runs(plan, run, factor)
-        digest = hashlib.sha256(positions.tobytes()).hexdigest()
-        file.attrs.update(plan=plan.text(), index=index, sha256=digest, **asdict(own))
+        file.attrs.update(
+            plan=plan.text(), index=index, sha256=hashlib.sha256(positions.tobytes()).hexdigest(), **asdict(own)
+        )
     part.replace(path)
-    return path
 
 
-def missing(plan: Plan, folder: Path, count: int) -> list[int]:
-    """Which of the first ``count`` trajectories are not there yet.
+def generate(plan: Plan, folder: Path, count: int, workers: int = 1) -> int:
+    """Write what is missing of ``count`` trajectories, over ``workers`` processes. Returns how many those were.
 
     Raises:
-        ValueError: the folder holds data of another plan.
+        ValueError: the folder holds data of another plan, or the teacher failed.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     for path in sorted(folder.glob("*.h5"))[:1]:
         with h5py.File(path) as file:
             if file.attrs["plan"] != plan.text():
                 raise ValueError(f"{folder} holds data of another plan: choose another --out, or remove it")
-    return [k for k in range(count) if not (folder / f"{k:05d}.h5").is_file()]
-
-
-def generate(plan: Plan, folder: Path, count: int, workers: int = 1) -> int:
-    """Write what is missing of ``count`` trajectories, over ``workers`` processes. Returns how many those were."""
-    folder.mkdir(parents=True, exist_ok=True)
-    wanted = missing(plan, folder, count)
+    wanted = [k for k in range(count) if not (folder / f"{k:05d}.h5").is_file()]
     job = partial(write_shard, plan, folder)
-    with tqdm(total=len(wanted), desc=f"{plan.scene} trajectories", disable=None) as bar:
-        if workers == 1:
-            for index in wanted:
-                job(index)
-                bar.update()
-        elif wanted:
-            with get_context("spawn").Pool(min(workers, len(wanted))) as pool:
-                for _ in pool.imap_unordered(job, wanted):
-                    bar.update()
+    with get_context("spawn").Pool(workers) if min(workers, len(wanted)) > 1 else nullcontext() as pool:
+        written = pool.imap_unordered(job, wanted) if pool else map(job, wanted)
+        deque(tqdm(written, f"{plan.scene} trajectories", len(wanted), disable=None), 0)
     return len(wanted)
 
 
@@ -178,14 +156,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="minicloth generate", description=__doc__)
     parser.add_argument("scene", metavar="SCENE", help="Curtain, Flag or Collision")
     parser.add_argument("--preset", default="lee2019", help="a preset with mass and spring as options (lee2019)")
-    parser.add_argument("--trajectories", type=int, default=60, help="in all, with those that are there (default 60)")
-    parser.add_argument("--frames", type=int, default=100, help="of each (default 100)")
-    parser.add_argument("--window", type=int, default=5, help="frames of a miniature run (default 5)")
+    counts = {"trajectories": (60, "in all, with those that are there"), "frames": (100, "of each")}
+    counts |= {"window": (5, "frames of a miniature run"), "workers": (1, "processes")}
+    for name, (default, about) in counts.items():
+        parser.add_argument(f"--{name}", type=int, default=default, help=f"{about} (default {default})")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--workers", type=int, default=1, help="processes (default 1)")
-    parser.add_argument("--out", type=Path, help="folder of the shards (default: in the user's cache)")
+    parser.add_argument("--out", type=Path, help="folder of the files (default: in the user's cache)")
     options = parser.parse_args(argv)
-    for name in ("trajectories", "frames", "window", "workers"):
+    for name in counts:
         if getattr(options, name) < 1:
             parser.error(f"--{name} must be at least 1")
     if options.window > options.frames:

@@ -7,7 +7,7 @@ get the same handles, bodies, wind and pressure.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from time import perf_counter, process_time, thread_time
 from typing import Any, NamedTuple
 
@@ -27,14 +27,9 @@ NUDGE = 1e-6  # of the cloth's length: what the chaos floor starts from
 
 @dataclass(frozen=True)
 class Recording:
-    """A run of B cloths.
+    """A run of B cloths: the states that were asked for by frame number (0 is the start), controls of every frame.
 
-    Attributes:
-        scene: what was run.
-        states: by frame number (0 is the start), each a batch of B; only those that were asked for.
-        controls: of every frame.
-        materials: of every cloth.
-        failures: of every cloth, ``"<reason> at frame <n>"`` of the first failure, or empty.
+    ``failures`` are of every cloth, ``"<reason> at frame <n>"`` of the first one, or empty.
     """
 
     scene: Scene
@@ -45,7 +40,7 @@ class Recording:
 
     @property
     def good(self) -> list[int]:
-        """The cloths that did not fail."""
+        """Numbers of the cloths that did not fail."""
         return [i for i, failure in enumerate(self.failures) if not failure]
 
     def only(self, which: Sequence[int]) -> Recording:
@@ -63,10 +58,7 @@ class Recording:
 def seeded_actions(
     world: World, seeds: Sequence[int], policies: Sequence[str], frames: int, *, least: int = 200
 ) -> np.ndarray:
-    """Open-loop actions ``(frames, B, A)``, one seed a cloth; ``policies`` take turns over the seeds.
-
-    They are drawn for ``least`` frames or more: a signal depends on how long it is.
-    """
+    """Open-loop actions ``(frames, B, A)`` of seeds, over which ``policies`` take turns, drawn for ``least``+."""
     size, dt = len(world.task.actions), world.scene.frame_dt
     turns = [policies[i % len(policies)] for i in range(len(seeds))]
     drawn = [open_loop(policy, max(frames, least), size, dt, seed) for policy, seed in zip(turns, seeds, strict=True)]
@@ -81,12 +73,9 @@ def record(
     seeds: Sequence[int | np.random.Generator],
     take: Callable[[State], State] = State.copy,
 ) -> Recording:
-    """Start ``world`` from ``seeds`` and run it; states at the ends of frames ``keep``.
+    """Start ``world`` from ``seeds`` (or generators) and run it; ``take`` of the states at the ends of frames ``keep``.
 
-    Args:
-        actions: ``(T, B, A)``, or what gives ``(B, A)`` frame by frame, asked for the first after the start.
-        seeds: of the cloths, or the generators that their starts draw from.
-        take: what is kept of a state.
+    ``actions`` are ``(T, B, A)``, or what gives ``(B, A)`` frame by frame, asked for the first after the start.
     """
     wanted, failures = set(keep), [""] * len(seeds)
     world.reset({i: s if isinstance(s, np.random.Generator) else np_random(s)[0] for i, s in enumerate(seeds)})
@@ -96,9 +85,8 @@ def record(
         reasons = world.step(action)[1]
         assert world.controls is not None
         controls.append(Controls(**{name: np.array(value) for name, value in vars(world.controls).items()}))
-        failures = [
-            old or (f"{new} at frame {frame}" if new else "") for old, new in zip(failures, reasons, strict=True)
-        ]
+        told = [f"{reason} at frame {frame}" if reason else "" for reason in reasons]
+        failures = [old or new for old, new in zip(failures, told, strict=True)]
         if frame in wanted:
             states[frame] = take(world.state)
     return Recording(world.scene, states, controls, list(world.materials), failures)
@@ -107,10 +95,9 @@ def record(
 def play(
     world: World, policy: Callable[[np.ndarray], np.ndarray], seeds: Sequence[int], frames: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean reward per frame of an episode of every member of ``world``, and which of them failed, both ``(B,)``.
+    """Mean reward per frame of an episode from every seed, and which of them failed, both ``(B,)``.
 
-    Member i starts from ``seeds[i]``; ``policy`` turns observations of the batch into actions. A failed one earns
-    nothing from then on.
+    ``policy`` turns observations of the batch into actions. A failed member earns nothing from then on.
     """
     world.reset({i: np_random(seed)[0] for i, seed in enumerate(seeds)})
     total, alive = np.zeros(len(seeds)), np.ones(len(seeds), bool)
@@ -122,11 +109,7 @@ def play(
 
 
 class Seconds(NamedTuple):
-    """Time that a frame took [s].
-
-    ``wall`` is by the clock, ``step`` its part until ``advance`` returned (a lazy backend infers its cloth after it),
-    ``cpu`` of the processor, whatever else ran on it meanwhile, and ``thread`` of this thread alone.
-    """
+    """Time that a frame took [s]: by the clock, its part until ``advance`` returned, of the process, of this thread."""
 
     wall: float
     step: float
@@ -150,12 +133,16 @@ def replay(
 
 def stack_states(states: Sequence[State]) -> State:
     """Batches one after the other as one batch."""
-    return State(**{f.name: np.concatenate([getattr(s, f.name) for s in states]) for f in fields(State)})
+    return State(**_stacked(states))
 
 
 def stack_controls(controls: Sequence[Controls]) -> Controls:
     """Batches one after the other as one batch."""
-    return Controls(**{f.name: np.concatenate([getattr(c, f.name) for c in controls]) for f in fields(Controls)})
+    return Controls(**_stacked(controls))
+
+
+def _stacked(batches: Sequence[State] | Sequence[Controls]) -> dict[str, np.ndarray]:
+    return {f.name: np.concatenate([getattr(b, f.name) for b in batches]) for f in fields(batches[0])}
 
 
 @dataclass(frozen=True)
@@ -174,11 +161,7 @@ def one_frame_pairs(
 ) -> FramePairs:
     """Every frame of one episode a seed, episode by episode: what a surrogate of single frames learns from.
 
-    Args:
-        scene: its name.
-        frames: of an episode.
-        policies: take turns over the seeds, see ``cloth_envs.policies``.
-        options: of the world: ``backend_kwargs``, ``material``, ``randomize``, ``resolution``, ``preset``.
+    ``policies`` (of ``cloth_envs.policies``) take turns over the seeds; ``options`` are the world's.
 
     Raises:
         ValueError: all episodes failed; those that did are left out.
@@ -215,7 +198,8 @@ def retime(scene: Scene, start: State, controls: Sequence[Controls], factor: flo
     if factor >= 1:
         n = round(factor)
         groups = [controls[i : i + n] for i in range(0, len(controls) - n + 1, n)]
-        return [_mixed(group) for group in groups]
+        means = {k: [np.mean([getattr(c, k) for c in group], 0) for group in groups] for k in ("wind", "pressure")}
+        return [replace(g[-1], wind=w, pressure=p) for g, w, p in zip(groups, *means.values(), strict=True)]
     n, out = round(1 / factor), []
     x, v = (
         a.reshape(1, 3, -1)[..., list(scene.handles)].transpose(0, 2, 1) for a in (start.positions, start.velocities)
@@ -228,8 +212,3 @@ def retime(scene: Scene, start: State, controls: Sequence[Controls], factor: flo
             out.append(Controls(*handles, *around, c.wind, c.pressure))
         x, v, bodies, moving = c.handle_positions, c.handle_velocities, c.colliders, c.collider_velocities
     return out
-
-
-def _mixed(group: Sequence[Controls]) -> Controls:
-    mean = {name: np.mean([getattr(c, name) for c in group], 0) for name in ("wind", "pressure")}
-    return Controls(**{**vars(group[-1]), **mean})

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, get_type_hints
 
 from cloth_envs.naming import unknown_name
 
 Row = TypeVar("Row")
-_READ: dict[str, Callable[[str], Any]] = {"str": str, "int": int, "float": float}
 
 
 def read_names(text: str, known: Sequence[str], what: str) -> list[str]:
@@ -33,7 +32,7 @@ def read_rows(path: Path, kind: type[Row]) -> list[Row]:
     Raises:
         ValueError: the file has other columns.
     """
-    types = {field.name: _READ[str(field.type)] for field in fields(kind)}  # type: ignore[arg-type]
+    types = get_type_hints(kind)
     with path.open(newline="") as file:
         reader = csv.DictReader(file)
         if reader.fieldnames != list(types):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,10 +21,7 @@ from training.rollouts import Recording, record, seeded_actions, stack_controls,
 
 @dataclass(frozen=True)
 class Case:
-    """One episode of a scene under seeded smooth actions, on a grid ``coarse`` times coarser (1/2: finer).
-
-    ``truth`` is one of ``TRUTHS``.
-    """
+    """One episode under seeded smooth actions, on a grid ``coarse`` times coarser (1/2: finer), by one of TRUTHS."""
 
     scene: str
     seed: int = 0
@@ -70,16 +68,13 @@ def load(case: Case, frames: int, keep: Iterable[int], folder: Path) -> Truth:
 
     def make() -> dict[str, np.ndarray]:
         run = case.record(frames, wanted)
-        states, controls = stack_states([run.states[f] for f in wanted]), stack_controls(run.controls)
-        return {f"state.{n}": a for n, a in vars(states).items()} | {
-            f"controls.{n}": a for n, a in vars(controls).items()
-        }
+        parts = {"state": stack_states([run.states[f] for f in wanted]), "controls": stack_controls(run.controls)}
+        return {f"{part}.{name}": array for part, batch in parts.items() for name, array in vars(batch).items()}
 
     kept = cached_arrays(folder / f"{case.scene.lower()}_{key}.npz", make)
-    states = {f: State(**{n: kept[f"state.{n}"][[i]] for n in _names(State)}) for i, f in enumerate(wanted)}
-    controls = [Controls(**{n: kept[f"controls.{n}"][[i]] for n in _names(Controls)}) for i in range(frames)]
-    return Truth(first.scene, states, controls, key)
 
+    def part(kind: type[State] | type[Controls], name: str, i: int) -> Any:
+        return kind(**{field.name: kept[f"{name}.{field.name}"][[i]] for field in fields(kind)})
 
-def _names(kind: type[State] | type[Controls]) -> list[str]:
-    return [field.name for field in fields(kind)]
+    states = {frame: part(State, "state", i) for i, frame in enumerate(wanted)}
+    return Truth(first.scene, states, [part(Controls, "controls", i) for i in range(frames)], key)

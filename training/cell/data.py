@@ -1,15 +1,14 @@
 """What the cell of Zhao 2024 is fitted to: the author's four scenes by our simulator, and their sums of squares.
 
-The cell's force is linear in its 39 parameters, so the loss of a whole state is a quadratic form of them. A state is
-kept as the matrix of that form: a batch of 256 states of 128 x 128 particles then costs what 256 small sums cost, and
-gradient descent sees exactly the loss that it would see on the states.
+The cell's force is linear in its 39 parameters, so the loss of a whole state is a quadratic form of them, and a state
+is kept as the matrix of that: gradient descent sees exactly the loss that it would see on the states.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from itertools import repeat
+from itertools import chain, repeat
 from pathlib import Path
 from typing import NamedTuple
 
@@ -17,10 +16,11 @@ import numpy as np
 from tqdm import tqdm
 
 from cloth_envs.physics.particles.solver import NEIGHBOURS, ParticleSolver, net_of
+from cloth_envs.physics.solver import Solver
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
-from training.cache import cache_folder, cached_arrays, digest
+from training.cache import cached_arrays, digest
 from training.rollouts import replay
 
 # name -> scene and preset. The paper trains on the first two and tests on the others.
@@ -31,7 +31,6 @@ CASES = {
     "ball": ("BallDrop", "zhao2024"),
 }
 STEPS = 4811  # of an animation (the author's code)
-PARAMETERS = 3 * len(NEIGHBOURS) + 3
 EPS = 1e-12  # m^2, of the ISRU: next to spacings of 1/128 m nothing, and it keeps 0 / 0 away
 
 
@@ -52,13 +51,6 @@ def case(name: str) -> Case:
     return Case(world.scene, world.state.astype(np.float64), world.task.controls(world.episode))
 
 
-def animation(given: Case, steps: int) -> Iterator[State]:
-    """The state before every one of ``steps`` steps of the particles' own length, float64."""
-    solver = ParticleSolver(replace(given.scene, frame_dt=net_of(given.scene).sim_dt), dtype="float64")
-    yield given.start
-    yield from (state for state, _ in replay(solver, given.start, repeat(given.controls, steps - 1)))
-
-
 class Links(NamedTuple):
     """Neighbour numbers ``(12, n)`` of some vertices (their own where one is missing) and ``exists``, 0 or 1."""
 
@@ -75,28 +67,21 @@ def links(rows: int, cols: int, vertices: np.ndarray) -> Links:
     return Links(vertices, np.where(exists, down * cols + right, vertices), exists.astype(float))
 
 
-def features(x: np.ndarray, v: np.ndarray, at: Links, *, eps: float = EPS, vector: bool = True) -> np.ndarray:
-    """What the three branches sum (eqs 6-7): ``d``, ``n`` and ``(w . n) n``, ``(3, 12, 3, n)``.
+def design(x: np.ndarray, v: np.ndarray, at: Links, *, vector: bool = True) -> np.ndarray:
+    """``(39, 3 n)`` of ``x``, ``v`` ``(3, N)``: the columns of alpha, beta, gamma (12 each) and the bias (3).
 
-    ``x`` and ``v`` are ``(3, N)``. With ``vector`` false the ISRU and the product are taken per component: the
-    ablation, which knows no length of ``d``.
+    These are what the branches sum (eqs 6-7), ``d``, ``n`` and ``(w . n) n``. With ``vector`` false the ISRU and the
+    product are taken per component: the ablation, which knows no length of ``d``.
     """
-    own = at.vertices
-    d = (x[:, at.neighbours] - x[:, None, own]) * at.exists
-    w = (v[:, at.neighbours] - v[:, None, own]) * at.exists
+    own, n = at.vertices, len(at.vertices)
+    d, w = ((a[:, at.neighbours] - a[:, None, own]) * at.exists for a in (x, v))
     if vector:
-        n = d / np.sqrt((d * d).sum(0) + eps)
-        rate = (w * n).sum(0) * n
+        unit = d / np.sqrt((d * d).sum(0) + EPS)
+        rate = (w * unit).sum(0) * unit
     else:
-        n = d / np.sqrt(d * d + eps)
-        rate = w * n * n
-    return np.stack([d, n, rate]).swapaxes(1, 2)
-
-
-def design(x: np.ndarray, v: np.ndarray, at: Links, **options: object) -> np.ndarray:
-    """``(39, 3 n)``: the columns of alpha, beta, gamma (12 each, in the order of ``NEIGHBOURS``) and the bias (3)."""
-    n = len(at.vertices)
-    inner = features(x, v, at, **options).reshape(PARAMETERS - 3, 3 * n)  # type: ignore[arg-type]
+        unit = d / np.sqrt(d * d + EPS)
+        rate = w * unit * unit
+    inner = np.stack([d, unit, rate]).swapaxes(1, 2).reshape(-1, 3 * n)
     return np.concatenate([inner, np.repeat(np.eye(3), n, axis=1)])
 
 
@@ -107,12 +92,15 @@ def accelerations(scene: Scene, state: State) -> np.ndarray:
     """
     net = net_of(scene)
     free = replace(scene, frame_dt=net.sim_dt, handles=(), colliders=(), pressure=False)
-    solver = ParticleSolver(free, dtype="float64")
-    bare = State.still(state.positions)
-    bare.velocities[:] = state.velocities
+    after = bare_step(ParticleSolver(free, dtype="float64"), state)
+    return ((after * np.exp(net.drag * net.sim_dt) - state.velocities) / net.sim_dt)[0].reshape(3, -1)
+
+
+def bare_step(solver: Solver, state: State, **air: np.ndarray) -> np.ndarray:
+    """Velocities after a frame of ``solver`` from the cloth of ``state``, without bodies and handles."""
+    bare = replace(State.still(state.positions), velocities=state.velocities)
     solver.reset(bare)
-    after = solver.advance(Controls.hold(bare, ())).velocities * np.exp(net.drag * net.sim_dt)
-    return ((after - state.velocities) / net.sim_dt)[0].reshape(3, -1)
+    return solver.advance(replace(Controls.hold(bare, ()), **air)).velocities
 
 
 def free_vertices(scene: Scene) -> np.ndarray:
@@ -120,24 +108,20 @@ def free_vertices(scene: Scene) -> np.ndarray:
     return np.setdiff1d(np.arange(scene.grid.vertices), np.array(scene.handles, int))
 
 
-class Sample(NamedTuple):
-    """A state ``x``, ``v``, what the simulator adds to ``v`` (all ``(3, N)``), and some of the free particles."""
-
-    x: np.ndarray
-    v: np.ndarray
-    accelerations: np.ndarray
-    drawn: np.ndarray
-
-
 def samples(
     given: Case, steps: int, chosen: Iterable[int], vertices: int, rng: np.random.Generator
-) -> Iterator[Sample]:
-    """The ``chosen`` of ``steps`` states of an animation, and ``vertices`` particles, drawn anew for every one."""
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """``x``, ``v`` before the ``chosen`` of ``steps`` steps, what the simulator adds to ``v``, all ``(3, N)``.
+
+    And the numbers of ``vertices`` free particles, drawn anew for every one. Steps are the particles' own, in float64.
+    """
+    solver = ParticleSolver(replace(given.scene, frame_dt=net_of(given.scene).sim_dt), dtype="float64")
+    frames = (state for state, _ in replay(solver, given.start, repeat(given.controls, steps - 1)))
     wanted, moving = set(chosen), free_vertices(given.scene)
-    for step, state in enumerate(tqdm(animation(given, steps), total=steps, desc=given.scene.name, disable=None)):
+    for step, state in enumerate(tqdm(chain([given.start], frames), given.scene.name, steps, disable=None)):
         if step in wanted:
             x, v = (a[0].reshape(3, -1) for a in (state.positions, state.velocities))
-            yield Sample(x, v, accelerations(given.scene, state), rng.choice(moving, vertices, replace=False))
+            yield x, v, accelerations(given.scene, state), rng.choice(moving, vertices, replace=False)
 
 
 class Sums(NamedTuple):
@@ -151,20 +135,17 @@ class Sums(NamedTuple):
     pinned: np.ndarray
 
 
-def sums(name: str, states: int, vertices: int, folder: Path | None = None) -> Sums:
-    """Sums of ``states`` states spread over the animation ``name``, from the user's cache or computed and kept there.
+def sums(name: str, states: int, vertices: int, folder: Path) -> Sums:
+    """Sums of ``states`` states (at most ``STEPS``) spread over the animation ``name``, kept in ``folder``.
 
-    Args:
-        states: at most ``STEPS``.
-        vertices: of the free ones, drawn anew for every state and weighted up to all.
+    ``vertices`` of the free ones are drawn anew for every state and weighted up to all.
     """
     given = case(name)
     key = digest(given.scene, states, vertices, STEPS, EPS, given.start.positions)
 
     def make() -> dict[str, np.ndarray]:
         shape, pins = given.scene.grid.shape, np.array(given.scene.handles, int)
-        share = (given.scene.grid.vertices - len(pins)) / vertices
-        found: list[list[np.ndarray]] = []
+        share, found = (given.scene.grid.vertices - len(pins)) / vertices, list[list[np.ndarray]]()
         chosen = np.linspace(0, STEPS - 1, states).round().astype(int).tolist()
         for x, v, a, drawn in samples(given, STEPS, chosen, vertices, np.random.default_rng(0)):
             found.append([])
@@ -174,4 +155,4 @@ def sums(name: str, states: int, vertices: int, folder: Path | None = None) -> S
         free, pinned = zip(*found, strict=True)
         return {"free": np.stack(free), "pinned": np.stack(pinned)}
 
-    return Sums(**cached_arrays(cache_folder("physics_cnn", folder) / f"{name}_{key}.npz", make))
+    return Sums(**cached_arrays(folder / f"{name}_{key}.npz", make))

@@ -16,18 +16,19 @@ from cloth_envs.physics.laws.stencil import edges, triples
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from surrogates.cell.compiled import CLASSES, SHARED, SHEET, CellSheet
+from training.cell.data import bare_step
 from training.metrics.errors import vertex_error
 from training.rollouts import replay
 from training.truth import Case
 
+SEED, HELD_OUT = 100, 200
 FRAMES = (2, 5, 8, 12, 16, 20, 25, 30, 35, 40)
 
 
 def columns(scene: Scene, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     """What every number of ``CLASSES`` multiplies, as accelerations ``(17, 3 N)``, from ``x``, ``v`` ``(3, N)``.
 
-    In units of the material: all numbers are 1 on the reference. An edge's share of the sheet's width, the masses and
-    where edges and bending terms end at borders are geometry, taken from ``stencil``.
+    All numbers are 1 on the reference; shares of edges, masses and borders are geometry, taken from ``stencil``.
     """
     material, mass = scene.material, scene.mass.ravel()
     found = np.zeros((len(CLASSES), *x.shape))
@@ -53,15 +54,9 @@ def accelerations(scene: Scene, state: State, controls: Controls, substeps: int)
 
     The step is taken without handles and bodies, so that driven vertices tell their forces as well.
     """
-    h = scene.frame_dt / substeps
+    h, drag = scene.frame_dt / substeps, scene.material.drag * scene.drag
     solver = ExplicitSolver(replace(scene, frame_dt=h, handles=(), colliders=()), dtype="float64", substeps=1)
-    bare = State.still(state.positions)
-    bare.velocities[:] = state.velocities
-    solver.reset(bare)
-    hold = Controls.hold(bare, ())
-    hold.wind[:], hold.pressure[:] = controls.wind, controls.pressure
-    after = solver.advance(hold).velocities
-    drag = scene.material.drag * scene.drag
+    after = bare_step(solver, state, wind=controls.wind, pressure=controls.pressure)
     kick = -np.expm1(-drag * h) / drag if drag else h
     total = (after - state.velocities * np.exp(-drag * h)) / kick
     air = laws.wind_forces(scene, state.positions, state.velocities, controls.wind)
@@ -71,10 +66,8 @@ def accelerations(scene: Scene, state: State, controls: Controls, substeps: int)
 
 
 class Identified(NamedTuple):
-    """``factors`` in the order of ``SHEET``, the numbers ``by_class`` in that of ``CLASSES``, and relative errors.
-
-    ``sideways`` is the bias along x and y over gravity. ``error`` is that of the forces from ``factors`` on held-out
-    data, as a share of the forces' size.
+    """``factors`` in the order of ``SHEET``, numbers ``by_class`` in that of ``CLASSES``, the bias along x and y over
+    gravity, the relative ``error`` of the forces from ``factors`` on held-out data, and a hash of the data.
     """
 
     factors: np.ndarray
@@ -84,7 +77,7 @@ class Identified(NamedTuple):
     data_hash: str
 
 
-def data(name: str, seed: int, frames: Sequence[int] = FRAMES) -> tuple[Scene, np.ndarray, np.ndarray]:
+def data(name: str, seed: int, frames: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """Columns ``(17, R)`` and accelerations ``(R,)`` of states on an episode with smooth actions."""
     run = Case(name, seed, truth="plain").record(max(frames), frames)
     substeps = int(ExplicitSolver(run.scene).substeps[0])
@@ -93,7 +86,7 @@ def data(name: str, seed: int, frames: Sequence[int] = FRAMES) -> tuple[Scene, n
         state = run.states[frame]
         blocks.append(columns(run.scene, *(a[0].reshape(3, -1) for a in (state.positions, state.velocities))))
         wanted.append(accelerations(run.scene, state, run.controls[frame - 1], substeps))
-    return run.scene, np.concatenate(blocks, 1), np.concatenate(wanted)
+    return np.concatenate(blocks, 1), np.concatenate(wanted)
 
 
 def solve(block: np.ndarray, wanted: np.ndarray) -> np.ndarray:
@@ -102,24 +95,21 @@ def solve(block: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return lstsq((block / size[:, None]).T, wanted)[0] / size
 
 
-def identify(name: str, *, seed: int = 100, held_out: int = 200, frames: Sequence[int] = FRAMES) -> Identified:
+def identify(name: str, frames: Sequence[int] = FRAMES) -> Identified:
     """The cell of the scene ``name`` from one episode, tested on another."""
-    _, block, wanted = data(name, seed, frames)
+    block, wanted = data(name, SEED, frames)
     key = hashlib.sha256(block.tobytes() + wanted.tobytes()).hexdigest()
     by_class = solve(block, wanted)
     shared = solve(SHARED.T @ block, wanted)
-    _, block, wanted = data(name, held_out, frames)
+    block, wanted = data(name, HELD_OUT, frames)
     error = np.linalg.norm(shared @ SHARED.T @ block - wanted) / np.linalg.norm(wanted)
     return Identified(shared[: len(SHEET)], by_class, shared[len(SHEET) :], float(error), key)
 
 
-def sheet_errors(name: str, factors: Mapping[str, float], *, dtype: str = "float32", seed: int = 200) -> list[float]:
-    """Mean distance from the reference's vertices after 1, 5 and 10 frames, in % of the cloth's length.
-
-    Both start from the reference's state after 20 frames, in ``dtype``.
-    """
-    run = Case(name, seed, truth="plain").record(30, [20])
-    solvers = CellSheet(run.scene, factors, dtype=dtype), ExplicitSolver(run.scene, dtype=dtype)
+def sheet_errors(name: str, factors: Mapping[str, float]) -> list[float]:
+    """Mean distance from the reference 1, 5 and 10 frames after its 20th, in float32, in % of the cloth's length."""
+    run = Case(name, HELD_OUT, truth="plain").record(30, [20])
+    solvers = CellSheet(run.scene, factors), ExplicitSolver(run.scene)
     pairs = zip(*(replay(solver, run.states[20], run.controls[20:]) for solver in solvers), strict=True)
     length = run.scene.grid.length
     found = [float(vertex_error(own.positions, other.positions, length).mean[0]) for (own, _), (other, _) in pairs]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from time import process_time
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -15,11 +16,43 @@ from surrogates.cell.stencil import BRANCHES, StencilCell
 from training.cell.data import EPS, STEPS, Sums, case, design, links, samples
 from training.cell.sheets import solve
 from training.fit import Kept, Rate, cosine, fit, halved
-from training.recipes.cell import Stage
 
 COUNT = len(NEIGHBOURS)
 SCHEDULES: dict[str, Callable[[float, int], Rate]] = {"step": halved, "cosine": cosine}
+DATA = {"fall": ("fall",), "blow": ("blow",), "both": ("fall", "blow")}  # animations that a cell is fitted to
 DECADES = 8.0  # of the scales that differential evolution looks through, 1e-1 to 1e7 per kg
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Adam on ``branches``, the others frozen, over ``epochs`` from ``rate`` by a schedule of ``SCHEDULES``."""
+
+    rate: float
+    epochs: int
+    schedule: str
+    branches: tuple[str, ...] = BRANCHES
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a cell is trained."""
+
+    data: str = "both"  # one of DATA
+    epochs: int = 2000  # of the first stage
+    states: int = 2500  # of every animation
+    vertices: int = 2048  # free particles drawn of each state
+    physics: float = 0.5  # lambda of eq. 8, the weight of the physics loss
+    batch: int = 256  # states
+    seed: int = 0
+
+    @property
+    def stages(self) -> list[Stage]:
+        """The paper's: 1e-2 with step decay, then cosine annealing from 1e-3; then one branch, the others frozen."""
+        return [
+            Stage(1e-2, self.epochs, "step"),
+            Stage(1e-3, max(1, self.epochs // 4), "cosine"),
+            Stage(1e-3, max(1, self.epochs // 8), "cosine", ("derivative",)),
+        ]
 
 
 def as_cell(numbers: np.ndarray, mass: float = 1.0) -> Cell:
@@ -27,8 +60,7 @@ def as_cell(numbers: np.ndarray, mass: float = 1.0) -> Cell:
     return Cell(mass * numbers[: 3 * COUNT].reshape(3, COUNT).T.copy(), mass * numbers[3 * COUNT :], EPS)
 
 
-@dataclass(frozen=True)
-class Fit:
+class Fit(NamedTuple):
     """``numbers`` in the order of ``design`` [per kg], and the seconds of the processor that it took."""
 
     numbers: np.ndarray
@@ -58,9 +90,8 @@ def least_squares(given: tuple[np.ndarray, np.ndarray]) -> Fit:
 class Loss:
     """Eq. 8 over states: ``lambda MSE(impulses) + (1 - lambda) MSE(positions and velocities after the step)``.
 
-    In one step without contact the new velocity errs by ``decay h`` times the acceleration's error and the position by
-    ``h`` times that, so both terms are quadratic forms of the same error. They differ in what they see: the physics
-    loss all particles, the data loss those that move. ``forms`` is ``(T, 40, 40)``, of every state.
+    Without contact the new velocity errs by ``decay h`` times the acceleration's error and the position by ``h`` times
+    that: both are quadratic forms of it, of all particles and of those that move. ``forms`` is ``(T, 40, 40)``.
     """
 
     forms: np.ndarray
@@ -102,10 +133,8 @@ def branch_scales(
         values = value(genes)
         return np.log(((small @ values) * values).sum(0))
 
-    best = differential_evolution(
-        logarithm, [(-1.0, 1.0)] * 4, seed=seed, tol=1e-10, maxiter=1000, popsize=25, vectorized=True,
-        updating="deferred", polish=False,
-    )  # fmt: skip
+    options = {"tol": 1e-10, "maxiter": 1000, "popsize": 25, "updating": "deferred", "polish": False}
+    best = differential_evolution(logarithm, [(-1.0, 1.0)] * 4, seed=seed, vectorized=True, **options)
     return tuple(value(best.x)[:4].tolist()), process_time() - start
 
 
@@ -115,7 +144,7 @@ def numbers_of(cell: StencilCell) -> torch.Tensor:
 
 
 def train(
-    cell: StencilCell, loss: Loss, stage: Stage, *, batch: int = 256, seed: int = 0, kept: Kept | None = None
+    cell: StencilCell, loss: Loss, stage: Stage, *, batch: int, seed: int = 0, kept: Kept | None = None
 ) -> tuple[float, float]:
     """Adam on batches of whole states, ``cell`` (of float64) changed in place; the loss after it and the seconds."""
     rng, upper = np.random.default_rng(seed), np.triu_indices(loss.forms.shape[1])
@@ -140,5 +169,13 @@ def train(
     steps = stage.epochs * parts
     if kept is not None:  # only between epochs, whose batches are drawn at once
         kept = replace(kept, every=parts * -(-kept.every // parts))
-    seconds = fit(cell, value, steps, lambda step: rate(step // parts), label=str(stage), kept=kept, rng=rng)
+    seconds = fit(
+        cell,
+        value,
+        steps,
+        lambda step: rate(step // parts),
+        label=f"{stage.schedule} from {stage.rate:g}",
+        kept=kept,
+        rng=rng,
+    )
     return loss(numbers_of(cell).detach().numpy()), seconds

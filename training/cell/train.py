@@ -1,16 +1,14 @@
 """``minicloth train physics-cnn``: the weights of ``backend="cnn"``, with their cards.
 
-Particles (Zhao 2024): differential evolution for the scales, Adam with step decay, cosine fine-tuning, then the
-derivative branch alone with the others frozen; on "fall", on "blow" and on both, beside least squares in closed
-form. Sheets: the cell of every scene, identified by least squares. What was stopped goes on.
+Particles (Zhao 2024): differential evolution and three stages of Adam on "fall", "blow" and both, beside least squares
+in closed form. Sheets: the cell of every scene, identified by least squares. What was stopped goes on.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -19,41 +17,41 @@ import numpy as np
 import torch
 
 from cloth_envs.machine import header
-from cloth_envs.naming import unknown_name
 from cloth_envs.physics.particles.solver import NEIGHBOURS
-from cloth_envs.registry import SCENES
 from surrogates.cell.backend import PARTICLES
 from surrogates.cell.compiled import CLASSES, SHEET, dimensionless
 from surrogates.cell.stencil import StencilCell
-from surrogates.checkpoint import WEIGHTS, save
-from training.cache import cache_folder, digest
+from surrogates.checkpoint import save
+from training.cache import digest
 from training.cell.data import CASES, case, sums
 from training.cell.score import Run, errors
 from training.cell.sheets import identify, sheet_errors
-from training.cell.solve import Fit, Loss, as_cell, branch_scales, least_squares, numbers_of, rows, train
+from training.cell.solve import (
+    DATA,
+    Fit,
+    Loss,
+    Recipe,
+    as_cell,
+    branch_scales,
+    least_squares,
+    numbers_of,
+    rows,
+    train,
+)  # fmt: skip
+from training.command import parser_of, read
 from training.fit import Kept
-from training.recipes.cell import BASES, DATA, Recipe
-from training.rows import read_names
 
 CLOSED_FORM = "least_squares"
 
 
-def options_of(basis: str) -> dict[str, Any]:
-    """Options of ``StencilCell`` for a name in ``BASES``."""
-    if basis == "published":
-        return {}
+def adam(recipe: Recipe, folder: Path) -> tuple[Fit, dict[str, Any]]:
+    """The cell that the recipe trains, and what its card says."""
     grid = case("fall").scene.grid
     lengths = torch.tensor(np.hypot(*(NEIGHBOURS * [grid.row_spacing, grid.col_spacing]).T))
-    return {"lengths": lengths, "pairs": basis == "shared"}
-
-
-def adam(recipe: Recipe, folder: Path | None = None) -> tuple[Fit, dict[str, Any]]:
-    """The cell that the recipe trains, and what its card says."""
-    options = options_of(recipe.basis)
     found = {name: sums(name, recipe.states, recipe.vertices, folder) for name in DATA[recipe.data]}
     loss = Loss(np.concatenate([Loss.of(part, name, recipe.physics).forms for name, part in found.items()]))
-    scales, second = branch_scales(loss, options.get("lengths"), recipe.seed)
-    cell = StencilCell(scales=scales, dtype=torch.float64, **options)
+    scales, second = branch_scales(loss, lengths, recipe.seed)
+    cell = StencilCell(scales=scales, dtype=torch.float64, lengths=lengths, pairs=True)
     generator = torch.Generator().manual_seed(recipe.seed)
     for parameter in cell.parameters():
         parameter.data = torch.rand(parameter.shape, generator=generator, dtype=parameter.dtype)
@@ -61,7 +59,7 @@ def adam(recipe: Recipe, folder: Path | None = None) -> tuple[Fit, dict[str, Any
     mark, batch = repr((recipe, data)), min(recipe.batch, len(loss.forms))
     losses, seconds = [], [second]
     for number, stage in enumerate(recipe.stages, 1):
-        kept = Kept(cache_folder("physics_cnn", folder) / f"{digest(mark)}_{number}.pt", mark)
+        kept = Kept(folder / f"{digest(mark)}_{number}.pt", mark)
         value, second = train(cell, loss, stage, batch=batch, seed=recipe.seed + number, kept=kept)
         losses.append(value)
         seconds.append(second)
@@ -85,20 +83,20 @@ def identified(found: Mapping[str, np.ndarray]) -> dict[str, float]:
     return {name: float(f"{value:.2g}") for name, value in zip(names, (*off, down, side), strict=True)}
 
 
-def particles(recipe: Recipe, out: Path) -> None:
+def particles(recipe: Recipe, out: Path, cache: Path) -> None:
     """All cells of particles, each tested on the four animations, and saved."""
     start = process_time()
     block = rows(DATA["both"], 10, 1000)
     about = {"seconds of the simulator's run": round(process_time() - start, 1), "data sha256": digest(block[0])}
     fits = {CLOSED_FORM: (least_squares(block), about)}
-    fits |= {data: adam(replace(recipe, data=data)) for data in DATA}
+    fits |= {data: adam(replace(recipe, data=data), cache) for data in DATA}
     found = {name: dimensionless(case("fall").scene, as_cell(fit.numbers)) for name, (fit, _) in fits.items()}
     scores = {scene: errors(scene, {name: Run(arrays) for name, arrays in found.items()}) for scene in CASES}
     for name, (fit, about) in fits.items():
         closed = "least squares on 10 states of each of fall and blow, 1000 free particles each"
         card = {
             "what": "the cell of Zhao 2024 for nets of particles, dimensionless",
-            "recipe": closed if name == CLOSED_FORM else str(recipe),
+            "recipe": closed if name == CLOSED_FORM else asdict(recipe),
             "trained on": DATA.get(name, DATA["both"]),
             **about,
             "seconds of the fit": round(fit.seconds, 1),
@@ -111,60 +109,44 @@ def particles(recipe: Recipe, out: Path) -> None:
             "licence": "MIT",
             **header(),
         }
-        target = (
-            PARTICLES
-            + ("" if name == "both" else f"_{name}")
-            + ("" if recipe.basis == "shared" else f"_{recipe.basis}")
-        )
+        target = PARTICLES + ("" if name == "both" else f"_{name}")
         save(target, found[name], card, out)
         print(target, json.dumps(card["off the simulator's law [%]"]), flush=True)
 
 
-def sheets(names: Sequence[str], out: Path) -> None:
-    """The cells of sheets."""
-    for name in names:
-        start = process_time()
-        found = identify(name)
-        seconds = process_time() - start
-        arrays = {"factors": found.factors, "by_class": found.by_class}
-        target = f"cnn_{name.lower()}"
-        card = {
-            "what": f"the cell of {name}'s sheet: {', '.join(SHEET)} over the material's",
-            "recipe": "least squares on 10 states of the reference under smooth actions (seed 100), all vertices",
-            "data sha256": found.data_hash,
-            "seconds, the reference's run included": round(seconds, 1),
-            "by class": dict(zip(CLASSES, found.by_class.tolist(), strict=True)),
-            "sideways bias over gravity": found.sideways.tolist(),
-            "relative error of forces, held out (seed 200)": found.error,
-            "mean vertex error to the reference after 1, 5, 10 frames, float32 [% of length]": sheet_errors(
-                name, dict(zip(SHEET, found.factors.tolist(), strict=True))
-            ),
-            "valid": "every material that the explicit reference steps, but yielding springs were not in the data",
-            "licence": "MIT",
-            **header(),
-        }
-        save(target, arrays, card, out)
-        print(
-            target, *(f"{name} {value:.1e}" for name, value in zip(SHEET, found.factors - 1, strict=True)), flush=True
-        )
+def sheet(name: str, out: Path) -> None:
+    """The cell of a scene's sheet."""
+    start = process_time()
+    found = identify(name)
+    seconds = process_time() - start
+    factors = dict(zip(SHEET, found.factors.tolist(), strict=True))
+    card = {
+        "what": f"the cell of {name}'s sheet: {', '.join(SHEET)} over the material's",
+        "recipe": "least squares on 10 states of the reference under smooth actions (seed 100), all vertices",
+        "data sha256": found.data_hash,
+        "seconds, the reference's run included": round(seconds, 1),
+        "by class": dict(zip(CLASSES, found.by_class.tolist(), strict=True)),
+        "sideways bias over gravity": found.sideways.tolist(),
+        "relative error of forces, held out (seed 200)": found.error,
+        "mean vertex error to the reference after 1, 5, 10 frames, float32 [% of length]": sheet_errors(name, factors),
+        "valid": "every material that the explicit reference steps, but yielding springs were not in the data",
+        "licence": "MIT",
+        **header(),
+    }
+    target = f"cnn_{name.lower()}"
+    save(target, {"factors": found.factors, "by_class": found.by_class}, card, out)
+    print(target, *(f"{branch} {value - 1:.1e}" for branch, value in factors.items()), flush=True)
 
 
-def main(argv: list[str] | None = None) -> int:
+def main(argv: Sequence[str] | None = None) -> int:
     """Train the cells. Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="minicloth train physics-cnn", description=__doc__)
-    parser.add_argument("--epochs", type=int, default=Recipe.epochs, help="of the first stage (default %(default)s)")
-    parser.add_argument(
-        "--basis", default="shared", help="of the particles' weights: shared (default), free, published"
-    )
-    parser.add_argument("--scenes", default=",".join(SCENES), help="sheets to identify")
+    options = {"epochs": "of the first stage"}
+    parser = parser_of("physics-cnn", __doc__, Recipe, options)
     parser.add_argument("--no-particles", action="store_true", help="sheets only")
-    parser.add_argument("--out", type=Path, default=WEIGHTS, help="folder for weights and cards")
-    options = parser.parse_args(argv)
-    names = read_names(options.scenes, list(SCENES), "scene")
-    if options.basis not in BASES:
-        raise unknown_name("basis", options.basis, BASES)
+    given, recipe = read(parser, argv, Recipe, options)
     torch.set_num_threads(1)
-    if not options.no_particles:
-        particles(Recipe(epochs=options.epochs, basis=options.basis), options.out)
-    sheets(names, options.out)
+    if not given.no_particles:
+        particles(recipe, given.out, given.cache)
+    for name in given.scenes:
+        sheet(name, given.out)
     return 0

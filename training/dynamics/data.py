@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-from cloth_envs.resample import resample
+from cloth_envs.resample import on_grid
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
@@ -24,12 +24,9 @@ Seen = tuple[np.ndarray, np.ndarray]  # what a correction reads: features of eve
 
 @dataclass(frozen=True)
 class Episodes:
-    """T frames of B cloths on the coarse grid.
+    """T frames of B cloths on the grid ``factor`` times coarser than that of ``scene``, and their controls.
 
-    Attributes:
-        scene: at full resolution. factor: of the coarse grid.
-        positions, velocities: ``(T, B, 3, h, w)``, float32 [m], [m/s], after each frame.
-        controls: of each frame, ``(T, B, ...)``.
+    Arrays are ``(T, B, ...)``, after each frame; positions and velocities ``(T, B, 3, h, w)``, float32 [m], [m/s].
     """
 
     scene: Scene
@@ -57,37 +54,27 @@ class Episodes:
         return SETTLE + every * frames.ravel(), members.ravel()
 
 
-def simulate(scene: str, seeds: Sequence[int], factor: int, policies: Sequence[str]) -> Episodes:
-    """Run the scene at full resolution at its largest stable step; episodes that fail are left out.
+def episodes(scene: str, seeds: Sequence[int], factor: int, policies: Sequence[str], folder: Path) -> Episodes:
+    """Runs at full resolution at the largest stable step, kept in ``folder``; those that fail are left out.
 
     ``policies`` take turns over the seeds.
     """
     world = World(scene, num_envs=len(seeds))
     fine, coarse = world.scene.grid, coarse_grid(world.scene.grid, factor)
 
-    def decimated(state: State) -> State:
-        x, v = (resample(a, fine, coarse).astype(np.float32) for a in (state.positions, state.velocities))
-        return replace(state, positions=x, velocities=v)
-
-    actions = seeded_actions(world, seeds, policies, FRAMES, least=FRAMES)
-    run = record(world, actions, range(1, FRAMES + 1), seeds=seeds, take=decimated)
-    run = run.only(run.good)
-    x, v = (np.stack([getattr(s, name) for s in run.states.values()]) for name in ("positions", "velocities"))
-    controls = {f.name: np.stack([getattr(c, f.name) for c in run.controls]) for f in fields(Controls)}
-    return Episodes(world.scene, factor, x, v, controls)
-
-
-def episodes(scene: str, seeds: Sequence[int], factor: int, policies: Sequence[str], folder: Path) -> Episodes:
-    """``simulate``, kept in ``folder`` under a name that tells the scene as it is."""
-    described = World(scene).scene
-
     def make() -> dict[str, np.ndarray]:
-        made = simulate(scene, seeds, factor, policies)
-        return {"x": made.positions, "v": made.velocities} | made.controls
+        actions = seeded_actions(world, seeds, policies, FRAMES, least=FRAMES)
+        small = lambda state: on_grid(state, fine, coarse).astype(np.float32)  # noqa: E731
+        run = record(world, actions, range(1, FRAMES + 1), seeds=seeds, take=small)
+        run = run.only(run.good)
+        x, v = (np.stack([getattr(s, name) for s in run.states.values()]) for name in ("positions", "velocities"))
+        return {"x": x, "v": v} | {
+            f.name: np.stack([getattr(c, f.name) for c in run.controls]) for f in fields(Controls)
+        }
 
-    key = digest(described, list(seeds), factor, list(policies), FRAMES)
+    key = digest(world.scene, list(seeds), factor, list(policies), FRAMES)
     kept = cached_arrays(folder / f"{scene}_{key}.npz", make)
-    return Episodes(described, factor, kept.pop("x"), kept.pop("v"), kept)
+    return Episodes(world.scene, factor, kept.pop("x"), kept.pop("v"), kept)
 
 
 class Course:
@@ -95,12 +82,9 @@ class Course:
 
     def __init__(self, data: Episodes, scaling: str, correction: Correction | None = None) -> None:
         self.data, self.correction = data, correction
-
-        @lru_cache
-        def physics(count: int) -> CoarsePhysics:
-            return CoarsePhysics(data.scene, num_envs=count, factor=data.factor, scaling=scaling)
-
-        self._physics = physics
+        self._physics = lru_cache(
+            lambda count: CoarsePhysics(data.scene, num_envs=count, factor=data.factor, scaling=scaling)
+        )
 
     def run(self, frame: np.ndarray, member: np.ndarray, horizon: int) -> tuple[list[State], list[Seen]]:
         """States after each of ``horizon`` frames from the truth after ``frame``; what the correction read."""
@@ -120,8 +104,8 @@ class Course:
         found = []
         for k, state in enumerate(self.run(frame, member, horizon)[0], 1):
             truth = self.data.state(frame + k, member)
-            pairs = (state.positions, truth.positions), (state.velocities, truth.velocities)
-            found.append([np.sqrt(((a - b) ** 2).sum(1)).mean((1, 2)) for a, b in pairs])
+            gaps = state.positions - truth.positions, state.velocities - truth.velocities
+            found.append([np.sqrt((gap**2).sum(1)).mean((1, 2)) for gap in gaps])
         return np.array(found).mean(2).T
 
     def errors(self, horizon: int) -> np.ndarray:

@@ -1,16 +1,14 @@
 """``minicloth train dynamics``: the correction of the coarse dynamics, ``correction="learned"`` of the miniature.
 
-First the network learns what single frames from the truth leave to correct. Then it runs with the coarse solver for
-``horizon`` frames and learns from the errors of all of them. Their gradients pass through a frame as if every vertex
-flew freely, ``dx' = dx + frame_dt dv``, ``dv' = dv``: exact ones through the substeps of torch cost 100 times as much
-and blow up, and the slow waves that make up the error nearly do fly freely for a few frames.
+First the network learns what single frames from the truth leave to correct, then from the errors of all ``horizon``
+frames that it runs with the coarse solver. Their gradients pass through a frame as if every vertex flew freely,
+``dx' = dx + frame_dt dv``, ``dv' = dv``: exact ones through the substeps cost 100 times as much and blow up.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from json import dumps
 from pathlib import Path
@@ -19,22 +17,38 @@ from time import process_time
 import numpy as np
 import torch
 
-from cloth_envs.machine import header
-from cloth_envs.naming import unknown_name
-from cloth_envs.registry import SCENES
-from surrogates.checkpoint import WEIGHTS, add_factor, written
 from surrogates.miniature.closure import load_factors
 from surrogates.miniature.coarse import CoarsePhysics
 from surrogates.miniature.correction import ARRAYS, LAYERS, Correction, weights_name
-from training.cache import cache_folder, digest
+from training.cache import digest
+from training.command import is_done, keep, parser_of, read
 from training.dynamics.data import FRAMES, SETTLE, Course, Episodes, episodes
 from training.fit import Best, Kept, cosine, fit
-from training.recipes.dynamics import FIRST_SEED, HELD_OUT, POLICIES, Recipe
 
+FIRST_SEED, HELD_OUT = 1000, (200, 201, 202, 203, 204)
+POLICIES = ("smooth", "random", "smooth", "bang-bang")  # of training; the first is scored
 SHOWN = (1, 5, 10)  # frames of the card's errors
 CHECKED, LOOK = 32, 50
 RISE, NORM = 30, 0.1  # steps over which the rate rises, and the largest norm of a gradient
 CLIP, LIMIT = 6.0, 10.0  # standard deviations of features, and of answers
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a correction is trained: ``warm`` steps on single frames, then ``steps`` on windows of ``horizon`` frames."""
+
+    seeds: int = 64  # of episodes
+    hidden: int = 48  # units of both hidden layers
+    warm: int = 600
+    steps: int = 400
+    horizon: int = 10
+    batch: int = 12  # windows
+    rate: float = 3e-3  # of Adam on single frames, half of it on windows; it falls along half a cosine
+    # What share of a gradient reaches the frame before. 1 diverges where frames are long and wind drives.
+    memory: float = 1.0
+    velocities: float = 0.3  # weight of their errors beside those of positions
+    seed: int = 0
+    scaling: str = "closure"  # of the miniature
 
 
 class Trainer:
@@ -48,30 +62,26 @@ class Trainer:
         self.unit, self.dt = np.float32(coarse.grid.row_spacing), np.float32(coarse.frame_dt)
         self.correction = Correction(coarse, {})
         self.share = torch.from_numpy(self.correction.share[:, None])
-        self._measure()
+        # Single frames from the truth, for the first steps and the scales.
+        frame, member = self.windows(256)
+        after = Course(data, recipe.scaling).run(frame, member, 1)[0][0]
+        x, turn = self.correction.features(data.state(frame, member), after)
+        truth = data.state(frame + 1, member)
+        gaps = (truth.positions - after.positions, (truth.velocities - after.velocities) * self.dt)
+        y = np.stack([_rows(gap) / self.unit for gap in gaps], 2) @ np.swapaxes(turn, -1, -2)
+        scales = x.mean((0, 1)), x.std((0, 1)) + 1e-3, y.std((0, 1, 3)).repeat(3)
+        self.centre, self.spread, self.scale = (torch.from_numpy(a.astype(np.float32)) for a in scales)
+        widths = [x.shape[-1], *[recipe.hidden] * (LAYERS - 1), 6]
+        self.layers = torch.nn.ModuleList(torch.nn.Linear(a, b) for a, b in pairwise(widths))
+        for parameter in self.layers[-1].parameters():
+            torch.nn.init.zeros_(parameter)
+        self.frames = self.read(x), torch.from_numpy(y.reshape(*y.shape[:2], 6)) / self.scale
+        self.expose()
 
     def windows(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Frames and members of random windows."""
         first = self._rng.integers(SETTLE, FRAMES - self.recipe.horizon, count)
         return first, self._rng.integers(self.data.positions.shape[1], size=count)
-
-    def _measure(self) -> None:
-        """Single frames from the truth, for the first steps and the scales."""
-        frame, member = self.windows(256)
-        after = Course(self.data, self.recipe.scaling).run(frame, member, 1)[0][0]
-        x, turn = self.correction.features(self.data.state(frame, member), after)
-        truth = self.data.state(frame + 1, member)
-        gaps = (truth.positions - after.positions, (truth.velocities - after.velocities) * self.dt)
-        y = np.stack([_rows(gap) / self.unit for gap in gaps], 2) @ np.swapaxes(turn, -1, -2)
-        centre, spread = x.mean((0, 1)), x.std((0, 1)) + 1e-3
-        scale = y.std((0, 1, 3)).repeat(3).astype(np.float32)
-        widths = [x.shape[-1], *[self.recipe.hidden] * (LAYERS - 1), 6]
-        self.layers = torch.nn.ModuleList(torch.nn.Linear(a, b) for a, b in pairwise(widths))
-        for parameter in self.layers[-1].parameters():
-            torch.nn.init.zeros_(parameter)
-        self.centre, self.spread, self.scale = (torch.from_numpy(a.astype(np.float32)) for a in (centre, spread, scale))
-        self.frames = self.read(x), torch.from_numpy(y.reshape(*y.shape[:2], 6)) / self.scale
-        self.expose()
 
     def read(self, features: np.ndarray) -> torch.Tensor:
         """What the network reads of ``features``: centred, over their spread, and clipped."""
@@ -94,10 +104,7 @@ class Trainer:
         self.correction.arrays = {n: v.numpy() for n, v in zip(ARRAYS, values, strict=True)}
 
     def fit(self, kept: Path, mark: str, label: str = "") -> dict[str, np.ndarray]:
-        """The arrays that were best on ``CHECKED`` windows of the training data, looked at every ``LOOK`` steps.
-
-        ``<kept>.0.pt`` and ``<kept>.1.pt`` hold a training on frames and on windows that was stopped.
-        """
+        """The arrays that were best on ``CHECKED`` windows; ``<kept>.0.pt`` and ``.1.pt`` hold what was stopped."""
         recipe, stages = self.recipe, [Kept(kept.with_name(f"{kept.name}.{k}.pt"), mark, every=LOOK) for k in range(2)]
 
         def run(kept: Kept, loss: Callable[[], torch.Tensor], steps: int, rate: float, best: Best | None) -> None:
@@ -122,14 +129,11 @@ class Trainer:
         self.expose()
         return self.correction.arrays
 
-    def miss(self, x: torch.Tensor, wanted: torch.Tensor) -> torch.Tensor:
-        """Smooth absolute error of the answers to ``x``."""
-        return torch.nn.functional.smooth_l1_loss(self.forward(x), (wanted * self.share).clamp(-8, 8))
-
     def single(self) -> torch.Tensor:
-        """``miss`` of a few single frames."""
+        """Smooth absolute error of the answers to a few single frames."""
         chosen = self._rng.integers(len(self.frames[0]), size=6)
-        return self.miss(*(part[chosen] for part in self.frames))
+        x, wanted = (part[chosen] for part in self.frames)
+        return torch.nn.functional.smooth_l1_loss(self.forward(x), (wanted * self.share).clamp(-8, 8))
 
     def window(self, course: Course, usual: np.ndarray) -> torch.Tensor:
         """A number whose gradient is about that of the errors over ``usual`` ones, summed over a batch of windows."""
@@ -141,10 +145,10 @@ class Trainer:
         of_x, of_v = (np.zeros_like(_rows(states[0].positions)) for _ in range(2))  # gradients by both
         for k in range(recipe.horizon - 1, -1, -1):
             now = data.state(frame + k + 1, member)
-            of_v = recipe.memory * (of_v + self.dt * of_x) + recipe.velocities * _pull(
-                states[k].velocities - now.velocities, usual[1, k]
-            )
-            of_x = recipe.memory * of_x + _pull(states[k].positions - now.positions, usual[0, k])
+            gaps = states[k].positions - now.positions, states[k].velocities - now.velocities
+            pull_x, pull_v = (_pull(gap, size[k]) for gap, size in zip(gaps, usual, strict=True))
+            of_v = recipe.memory * (of_v + self.dt * of_x) + recipe.velocities * pull_v
+            of_x = recipe.memory * of_x + pull_x
             x, turn = seen[k]
             gradient = np.stack([of_x, of_v / self.dt], 2) @ np.swapaxes(turn, -1, -2) * self.unit
             weight = torch.from_numpy(gradient.reshape(*x.shape[:2], 6)) * self.scale
@@ -168,56 +172,34 @@ def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: 
     name, seeds = weights_name(scene), range(FIRST_SEED, FIRST_SEED + recipe.seeds)
     for factor in factors:
         settings = asdict(recipe) | {"factors": load_factors(scene, factor, recipe.scaling)}
-        if written(name, out).card.get(str(factor), {}).get("trained with") == settings:
+        if is_done(name, factor, settings, out):
             continue
         data = episodes(scene, seeds, factor, POLICIES, cache)
         held, began = episodes(scene, HELD_OUT, factor, POLICIES[:1], cache), process_time()
         trainer = Trainer(data, recipe)
         mark = dumps(settings | {"scene": repr(data.scene)})
         fitted = trainer.fit(cache / f"{name}_{factor}_{digest(mark)}", mark, f"{scene} 1/{factor}")
-        seconds = round(process_time() - began)
-        courses = {
-            "calibrated": Course(held, "calibrated"),
-            recipe.scaling: Course(held, recipe.scaling),
-            "learned": Course(held, recipe.scaling, trainer.correction),
-        }
-        shown = {}
-        for which, course in courses.items():
-            found = course.errors(max(SHOWN))
+        seconds, shown = process_time() - began, {}
+        runs = {"calibrated": ("calibrated", None), recipe.scaling: (recipe.scaling, None)}
+        for which, run in (runs | {"learned": (recipe.scaling, trainer.correction)}).items():
+            found = Course(held, *run).errors(max(SHOWN))
             shown[which] = {str(k): float(f"{found[k - 1]:.4g}") for k in SHOWN}
-        about = {
-            "held-out error [% of length] after frames": shown,
-            "trained with": settings,
-            "seconds": seconds,
-            "machine": header(),
-        }
         card = {
             "what": f"correction of the coarse dynamics of {scene}, once a frame",
             "data": f"decimated truth (float32), actions {', '.join(POLICIES)} in turn, {FRAMES} frames an episode",
             "valid": "the scene's own material; trained and scored on restarts from decimated truth, 10 frames",
-            "licence": "MIT",
         }
-        add_factor(name, factor, fitted, about, card, out)
-        print(f"{scene} 1/{factor} {seconds} s: {shown}", flush=True)
+        errors = {"held-out error [% of length] after frames": shown}
+        keep(name, factor, fitted, settings, seconds, errors, card, out)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Train the corrections. Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="minicloth train dynamics", description=__doc__)
-    parser.add_argument("--scenes", nargs="*", default=list(SCENES))
+    options = {"seeds": "of episodes", "warm": "steps on frames", "steps": "on windows", "hidden": "units a layer"}
+    options |= {"memory": "of gradients from frame to frame"}
+    parser = parser_of("dynamics", __doc__, Recipe, options)
     parser.add_argument("--factors", nargs="*", type=int, default=[2, 4], choices=[2, 3, 4])
-    parser.add_argument("--seeds", type=int, default=Recipe.seeds, help=f"of episodes (default {Recipe.seeds})")
-    parser.add_argument("--warm", type=int, default=Recipe.warm, help=f"steps on frames (default {Recipe.warm})")
-    parser.add_argument("--steps", type=int, default=Recipe.steps, help=f"on windows (default {Recipe.steps})")
-    parser.add_argument("--hidden", type=int, default=Recipe.hidden, help=f"units a layer (default {Recipe.hidden})")
-    parser.add_argument("--memory", type=float, default=Recipe.memory, help="of gradients from frame to frame")
-    parser.add_argument("--out", type=Path, default=WEIGHTS, help="folder of the weights")
-    parser.add_argument("--cache", type=Path, help="folder of the data (default: in the user's caches)")
-    given = parser.parse_args(argv)
-    cache = cache_folder("dynamics", given.cache)
+    given, recipe = read(parser, argv, Recipe, options)
     for scene in given.scenes:
-        if scene not in SCENES:
-            raise unknown_name("scene", scene, SCENES)
-        recipe = Recipe(seeds=given.seeds, warm=given.warm, steps=given.steps, hidden=given.hidden, memory=given.memory)
-        train(scene, given.factors, recipe, given.out, cache)
+        train(scene, given.factors, recipe, given.out, given.cache)
     return 0

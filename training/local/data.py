@@ -1,12 +1,11 @@
 """Data of the local upscalers: real runs of the miniature, restarted from truth, and the truth beside them.
 
-Truth is the explicit reference at its default step in float32. Some of the episodes have the scene's own material, the
-others one with random areal density and stretch stiffness.
+Truth is the explicit reference at its default step in float32, of the scene's own material or a random one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from cloth_envs.material import Material
+from cloth_envs.presets import load_preset
 from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.world import World
@@ -21,7 +21,8 @@ from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
 from surrogates.upscale.local_features import NODES, cells, features, flat_features, spacing, stiffness_numbers
 from surrogates.upscale.patches import dense_grid
 from training.cache import cached_arrays, digest
-from training.rollouts import Recording, record, replay, seeded_actions
+from training.rollouts import record, replay, seeded_actions
+from training.upscaler.data import read
 
 FRAMES = (1, 2, 3, 5, 7)  # after a restart, at which pairs are taken
 STARTS = (10, 25, 40, 55, 70, 85, 100)  # frames of an episode, at which windows begin
@@ -30,11 +31,9 @@ RANGE = (0.5, 2.0)  # of areal density and stretch stiffness over the scene's ow
 
 @dataclass(frozen=True)
 class Windows:
-    """N windows: the coarse cloth after each of ``FRAMES`` and the truth at that time.
+    """N windows: the coarse cloth after each of ``FRAMES`` by factor, ``(N, len(FRAMES), 3, h, w)``, and the truth.
 
-    Attributes:
-        coarse: factor -> ``(N, len(FRAMES), 3, h, w)``. truth: ``(N, len(FRAMES), 3, H, W)``, float32 [m].
-        materials: of every window.
+    Positions are in float32 [m].
     """
 
     scene: Scene
@@ -48,41 +47,47 @@ class Windows:
         return digest(self.truth, *(self.coarse[factor] for factor in sorted(self.coarse)))
 
 
+def of_teacher(scene: str, preset: str, paths: Sequence[Path]) -> Windows:
+    """Stored trajectories at factor 2, as many frames a window as ``FRAMES`` has, down-sampled instead of simulated."""
+    fine, materials, length = [], [], len(FRAMES)
+    for path in paths:
+        one = read(path, 2)
+        task = load_preset(scene, {"name": preset, "mass": one.mass, "spring": one.spring})
+        fine.append(one.fine[1 : 1 + (len(one.fine) - 1) // length * length].reshape(-1, length, *one.fine.shape[1:]))
+        materials += [task.material] * len(fine[-1])
+    task, truth = load_preset(scene, preset), np.concatenate(fine)
+    described = task.make_scene(resolution=task.resolution, material=task.material)
+    return Windows(described, {2: truth[..., ::2, ::2]}, truth, materials)
+
+
 def varied(scene: Scene) -> dict[str, tuple[float, float]]:
     """The ranges of a world's ``randomize`` for materials of training."""
-    names = "areal_density", "stretch_stiffness"
-    own = {name: getattr(scene.material, name) for name in names}
+    own = {name: getattr(scene.material, name) for name in ("areal_density", "stretch_stiffness")}
     return {name: (RANGE[0] * value, RANGE[1] * value) for name, value in own.items()}
 
 
 def simulate(
-    scene: str,
-    seeds: Sequence[int],
-    factors: Sequence[int],
-    *,
-    randomize: Mapping[str, Sequence[float]] | None = None,
-    starts: Sequence[int] = STARTS,
-    scaling: str = "calibrated",
-    **options: Any,
-) -> Windows:
+    scene: str, seeds: Sequence[int], factors: Sequence[int], *, starts: Sequence[int] = STARTS,
+    scaling: str = "calibrated", **options: Any,
+) -> Windows:  # fmt: skip
     """Run the truth of every seed under smooth actions, and miniatures from each of ``starts``.
 
-    Episodes that fail are left out. ``options`` go to the world (``resolution``).
+    Episodes that fail are left out. ``options`` go to the world (``randomize``, ``resolution``).
     """
-    world = World(scene, num_envs=len(seeds), randomize=randomize, **options)
+    world = World(scene, num_envs=len(seeds), **options)
     actions = seeded_actions(world, seeds, ["smooth"], max(starts) + max(FRAMES))
     run = record(world, actions, [start + frame for start in starts for frame in (0, *FRAMES)], seeds=seeds)
     run = run.only(run.good)
-    coarse = {f: np.concatenate([_window(run, start, f, scaling) for start in starts]) for f in factors}
+    coarse: dict[int, np.ndarray] = {}
+    for factor in factors:
+        cloth = CoarsePhysics(run.scene, num_envs=len(run.materials), factor=factor, scaling=scaling)
+        found = []
+        for start in starts:
+            after = replay(cloth, run.states[start], run.controls[start : start + max(FRAMES)], run.materials)
+            found.append(np.stack([state.positions for frame, (state, _) in enumerate(after, 1) if frame in FRAMES], 1))
+        coarse[factor] = np.concatenate(found)
     truth = [np.stack([run.states[start + f].positions for f in FRAMES], 1) for start in starts]
     return Windows(run.scene, coarse, np.concatenate(truth), run.materials * len(starts))
-
-
-def _window(run: Recording, start: int, factor: int, scaling: str) -> np.ndarray:
-    """Coarse positions at ``FRAMES``, ``(B, len(FRAMES), 3, h, w)``."""
-    coarse = CoarsePhysics(run.scene, num_envs=len(run.materials), factor=factor, scaling=scaling)
-    after = replay(coarse, run.states[start], run.controls[start : start + max(FRAMES)], run.materials)
-    return np.stack([state.positions for frame, (state, _) in enumerate(after, 1) if frame in FRAMES], 1)
 
 
 def join(parts: Sequence[Windows]) -> Windows:
@@ -134,10 +139,8 @@ def pairs(data: Windows, factor: int, most: int, seed: int = 0) -> Pairs:
         size, begin = 0.0, len(parts)
         for window in range(0, len(data.truth), 64):
             part = slice(window, window + 64)
-            x = np.ascontiguousarray(data.coarse[factor][part, frame])
-            truth = np.ascontiguousarray(data.truth[part, frame])
-            gap = decimate(truth) - bicubic(x)
-            read, turn = features(x, unit)
+            x, truth = (np.ascontiguousarray(a[part, frame]) for a in (data.coarse[factor], data.truth))
+            gap, (read, turn) = decimate(truth) - bicubic(x), features(x, unit)
             chosen = np.flatnonzero(rng.random(read.shape[0] * read.shape[1]) < share)
             wanted = (turn @ cells(gap) / np.float32(unit)).reshape(-1, 3, NODES)[chosen]
             size += float(np.sqrt((wanted**2).sum(1)).mean(1).sum())

@@ -2,16 +2,16 @@
 
 Both read ``upscale.local_features`` of real miniature runs and learn the residual of bicubic interpolation to the
 truth. Frames after a restart weigh as the inverse of bicubic's error there: an error that grows by the frame is one of
-the coarse dynamics and no upscaler's to guess. Ridge regression is closed; the network minimises the mean distance of
-the vertices, by Adam, and follows bit for bit from its recipe. A training that was stopped goes on from its last
-checkpoint; factors that --out holds already with this recipe are kept.
+the coarse dynamics and no upscaler's to guess. What is written already with this recipe is kept.
+
+With ``--published`` the network learns trajectories of ``minicloth generate SCENE`` instead, for fig. 15 of Lee
+et al. 2019: these weights stay in the cache, where ``minicloth bench tables`` finds them.
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import partial
 from itertools import product
 from json import dumps, loads
@@ -22,22 +22,54 @@ import numpy as np
 import torch
 
 from cloth_envs.machine import header
-from cloth_envs.naming import unknown_name
-from cloth_envs.registry import SCENES
 from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from cloth_envs.world import World
-from surrogates.checkpoint import WEIGHTS, add_factor, written
+from surrogates.checkpoint import save
 from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
 from surrogates.upscale.local import Local, Ridge, weights_name
 from surrogates.upscale.local_features import LIMIT, flat_features
-from training.cache import cache_folder, digest
+from training.cache import digest
+from training.command import is_done, keep, parser_of, read
 from training.fit import Kept, cosine, fit
-from training.local.data import FRAMES, RANGE, STARTS, Pairs, Windows, cached, join, pairs, simulate, small, varied
-from training.recipes.local import FACTORS, FIRST_SEED, HELD_OUT, Recipe
+from training.generate import data_folder
+from training.local.data import (
+    FRAMES,
+    RANGE,
+    STARTS,
+    Pairs,
+    Windows,
+    cached,
+    join,
+    of_teacher,
+    pairs,
+    simulate,
+    small,
+    varied,
+)  # fmt: skip
+from training.upscaler.data import data_hash, shards
+from training.upscaler.recipes import work_folder
 
+FACTORS = (2, 3, 4)
+FIRST_SEED, HELD_OUT = 1000, range(200, 205)
 SHOWN = (1, 5)  # frames of the card's errors
+PRESET = "lee2019"
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a pair of upscalers is trained, the network by Adam with a rate that falls along half a cosine."""
+
+    seeds: tuple[int, int] = (24, 16)  # of episodes with the scene's own material, and with a random one
+    hidden: tuple[int, int, int] = (18, 18, 18)  # units of the network at factors 2, 3 and 4; small ones for speed
+    patches: int = 400_000  # of all windows and frames, drawn at random
+    steps: int = 3000
+    batch: int = 4096
+    rate: float = 3e-3
+    ridge: float = 1e-5  # of the regression's diagonal
+    seed: int = 0
+    scaling: str = "calibrated"  # of the miniature
 
 
 def fit_ridge(data: Pairs, recipe: Recipe) -> dict[str, np.ndarray]:
@@ -106,17 +138,15 @@ def episodes(scene: str, recipe: Recipe, cache: Path) -> tuple[Windows, dict[str
     described = World(scene).scene
     miniatures = [CoarsePhysics(described, factor=f, scaling=recipe.scaling).scene for f in FACTORS]
 
-    def some(first: int, count: int, random: bool) -> Windows:
+    def some(seeds: range, random: bool) -> Windows:
         ranges = varied(described) if random else None
-        seeds = range(first, first + count)
         path = cache / f"{scene}_{digest(described, miniatures, seeds, FRAMES, STARTS, ranges)}.npz"
         make = partial(simulate, scene, seeds, FACTORS, randomize=ranges, scaling=recipe.scaling)
         return cached(described, path, make)
 
-    own, other = recipe.seeds
-    train = join([some(FIRST_SEED, own, False), some(FIRST_SEED + own, other, True)])
-    first, count = HELD_OUT[0], len(HELD_OUT)
-    return train, {"held out": some(first, count, False), "held out, varied material": some(first, count, True)}
+    first, middle, last = FIRST_SEED, FIRST_SEED + recipe.seeds[0], FIRST_SEED + sum(recipe.seeds)
+    train = join([some(range(first, middle), False), some(range(middle, last), True)])
+    return train, {"held out": some(HELD_OUT, False), "held out, varied material": some(HELD_OUT, True)}
 
 
 def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: Path) -> None:
@@ -125,7 +155,7 @@ def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: 
     settings = {"recipe": loads(dumps(asdict(recipe))), "data": data.key}
     for factor, kind in product(factors, (Ridge, Local)):
         name, coarse = weights_name(kind.method, scene), small(data.scene, factor)
-        if written(name, out).card.get(str(factor), {}).get("trained with") == settings:
+        if is_done(name, factor, settings, out):
             continue
         chosen, began = pairs(data, factor, recipe.patches, recipe.seed), process_time()
         if kind is Ridge:
@@ -133,42 +163,45 @@ def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: 
         else:
             kept = Kept(cache / f"{name}_{factor}_{digest(settings)}.pt", dumps(settings))
             fitted = centred(fit_net(chosen, factor, recipe, kept, f"{scene} 1/{factor}"), coarse)
-        seconds = round(process_time() - began, 1)
-        upscaler = kind(coarse, data.scene, factor, arrays=fitted)
+        seconds, upscaler = process_time() - began, kind(coarse, data.scene, factor, arrays=fitted)
         shown = {
             f"{which}, {what}": errors(windows, factor, up)
             for which, windows in held.items()
             for what, up in (("bicubic", None), (kind.method, upscaler))
         }
-        about = {
-            "error [% of length] after frames": shown,
-            "trained with": settings,
-            "seconds": seconds,
-            "machine": header(),
-        }
         card = {
             "what": f"upscaler {kind.method!r} of {scene}: residual to bicubic, per patch of 12 coarse vertices",
             "data": f"miniature restarted from truth (float32) at frames {STARTS}, pairs {FRAMES} frames later",
             "materials": f"areal density and stretch stiffness {RANGE[0]} to {RANGE[1]} times the scene's own",
-            "licence": "MIT",
         }
-        add_factor(name, factor, fitted, about, card, out)
-        print(f"{scene} 1/{factor} {kind.method}: {shown}", flush=True)
+        keep(name, factor, fitted, settings, seconds, {"error [% of length] after frames": shown}, card, out)
+
+
+def published(scene: str, recipe: Recipe) -> None:
+    """Teach ``"local"`` the teacher's trajectories, down-sampled, at factor 2."""
+    work, paths = work_folder(), shards(data_folder(scene, PRESET), held_out=False)
+    data, begin, name = of_teacher(scene, PRESET, paths), process_time(), weights_name("local", scene)
+    about = {
+        "recipe": {"preset": PRESET, "factor": 2, **asdict(recipe)},
+        "data": {"hash": data_hash(paths), "inputs": "the teacher's, down-sampled"},
+    }
+    net = fit_net(pairs(data, 2, recipe.patches, recipe.seed), 2, recipe, Kept(work / f"{name}.pt", dumps(about)), name)
+    seconds = round(process_time() - begin, 1)
+    card = {**about, "seconds": seconds, "licence": "MIT", **header()}
+    save(f"{name}_2", centred(net, small(data.scene, 2)), card, work / "weights")
+    print(f"{work / 'weights' / name}_2: {seconds} s")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Train both upscalers. Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="minicloth train local", description=__doc__)
-    parser.add_argument("--scenes", nargs="*", default=list(SCENES))
+    options = {"steps": "of Adam", "scaling": "of the miniature"}
+    parser = parser_of("local", __doc__, Recipe, options)
     parser.add_argument("--factors", nargs="*", type=int, default=list(FACTORS), choices=FACTORS)
-    parser.add_argument("--steps", type=int, default=Recipe.steps, help=f"of Adam (default {Recipe.steps})")
-    parser.add_argument("--scaling", default=Recipe.scaling, help="of the miniature (default calibrated)")
-    parser.add_argument("--out", type=Path, default=WEIGHTS, help="folder of the weights")
-    parser.add_argument("--cache", type=Path, help="folder of the data (default: in the user's caches)")
-    given = parser.parse_args(argv)
-    cache = cache_folder("local", given.cache)
+    parser.add_argument("--published", action="store_true", help=f'learn from trajectories of preset "{PRESET}"')
+    given, recipe = read(parser, argv, Recipe, options)
     for scene in given.scenes:
-        if scene not in SCENES:
-            raise unknown_name("scene", scene, SCENES)
-        train(scene, given.factors, Recipe(steps=given.steps, scaling=given.scaling), given.out, cache)
+        if given.published:
+            published(scene, recipe)
+        else:
+            train(scene, given.factors, recipe, given.out, given.cache)
     return 0

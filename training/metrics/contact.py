@@ -27,9 +27,8 @@ def inside(scene: Scene, state: State) -> Penetration:
 def tunnelled(scene: Scene, states: Sequence[State]) -> np.ndarray:
     """How many times a vertex went through a body from one state to the next, ``(B,)``.
 
-    Vertices and bodies are taken to move in straight lines between two states. Through a ball or capsule is: outside
-    at both ends, and nearer to its middle than half the radius in between (cutting a corner is no tunnelling);
-    through a plane: above it before and below it after.
+    All move in straight lines between two states. Through a ball or capsule is: outside at both ends, and nearer to its
+    middle than half the radius in between (cutting a corner is none); through a plane: above before, below after.
     """
     count = np.zeros(states[0].batch, np.int64)
     for before, after in pairwise(states):

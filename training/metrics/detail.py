@@ -69,9 +69,8 @@ def bending_ratio(grid: Grid, positions: np.ndarray, truth: np.ndarray) -> np.nd
 def fine_detail(grid: Grid, positions: np.ndarray, factor: float) -> np.ndarray:
     """Root-mean-square of the out-of-plane displacement that is too fine for a grid ``factor`` times coarser, [m].
 
-    The displacement is that from the best plane; its cosine transform has half waves ``k`` over the sheet, and a
-    grid of ``n`` cells holds those up to ``n`` (its Nyquist wave). What is left are the modes with more half waves
-    along the rows or the columns.
+    Of the cosine transform of the displacement from the best plane, the modes with more half waves along rows or
+    columns than the coarse grid has cells (its Nyquist wave).
 
     Raises:
         ValueError: a tube, which is out of every plane.

@@ -51,8 +51,7 @@ def vmse(positions: np.ndarray, truth: np.ndarray) -> np.ndarray:
 def psnr(positions: np.ndarray, truth: np.ndarray, span: np.ndarray | float) -> np.ndarray:
     """``10 log10(1 / MSE)`` [dB] over vertices and axes of displacements that ``span`` takes to [0, 1].
 
-    Displacements from rest differ as positions do; ``span`` [m] is the range of the truth's displacements, one number
-    or ``(3,)`` for the axes (see ``displacement_span``). Equal positions give infinity.
+    ``span`` [m], one number or ``(3,)``, is that of ``displacement_span``. Equal positions give infinity.
 
     Raises:
         ValueError: a span that is not positive.

@@ -7,7 +7,6 @@ it: from the target at ``factor`` times its spacing to half of that.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from cloth_envs.registry import load_task
 from cloth_envs.resample import Resampler
 from surrogates.miniature.coarse import coarse_grid
 from surrogates.upscale.patches import FEATURES, Layout, combine, dense_grid, squares, triangles, windows
+from training.cache import digest
 from training.generate import HELD_OUT_EVERY
 
 PAST = 2  # frames before the first one that is upscaled
@@ -64,19 +64,15 @@ def read(path: Path, factor: int) -> Trajectory:
 
 def data_hash(paths: Sequence[Path]) -> str:
     """Changes when a trajectory does."""
-    digest = hashlib.sha256()
+    known = []
     for path in paths:
         with h5py.File(path) as file:
-            digest.update(str(file.attrs["sha256"]).encode())
-    return digest.hexdigest()[:16]
+            known.append(str(file.attrs["sha256"]).encode())
+    return digest(*known)
 
 
 class Pairs:
-    """Features and targets of all patches of some trajectories.
-
-    Args:
-        trajectories: what ``read`` gave. scene: its name. factor: 2, 3 or 4.
-        inputs: one of ``INPUTS``. features: one of ``FEATURES``.
+    """Features (one of ``FEATURES``) and targets of all patches of some trajectories; ``inputs`` is one of ``INPUTS``.
 
     Every position is kept once, frames one after the other with their vertices flat: ``_source``, where features come
     from, and ``_target``. ``_now`` and ``_then`` are the numbers that a frame has in the two.
@@ -87,10 +83,9 @@ class Pairs:
     ) -> None:
         task = load_task(scene)
         fine = Grid(*task.resolution, *task.size)
-        coarse = coarse_grid(fine, factor)
+        coarse, self.kind = coarse_grid(fine, factor), features
         dense = dense_grid(fine, coarse, factor)
         onto = None if dense.shape == fine.shape else Resampler(fine, dense)
-        self.kind = features
         self.layout: Layout = {
             "oracle": lambda: windows(*dense.shape, factor),
             "real": lambda: squares(*coarse.shape, factor),
@@ -100,21 +95,21 @@ class Pairs:
         at = base = 0
         for one in trajectories:
             target = one.fine if onto is None else onto(np.ascontiguousarray(one.fine, np.float32))
-            if inputs == "real":
-                runs, length = one.runs.shape[:2]
-                frames = length - PAST - 1
-                source = one.runs.reshape(-1, *one.runs.shape[2:])
-                now.append(at + np.add.outer(np.arange(runs) * length, PAST + 1 + np.arange(frames)).ravel())
-                then.append(base + 1 + np.arange(runs * frames))
-            else:
+            runs = one.runs
+            if inputs != "real":
                 step = factor if inputs == "triangles" else 1
                 level = target[:, :, ::step, ::step]
-                source = np.concatenate([np.repeat(level[:1], PAST, 0), level])  # it starts at rest
+                runs = np.concatenate([np.repeat(level[:1], PAST, 0), level])[None]  # one that starts at rest
                 target = target[:, :, :: max(step // 2, 1), :: max(step // 2, 1)]
-                now.append(at + PAST + 1 + np.arange(len(target) - 1))
-                then.append(base + 1 + np.arange(len(target) - 1))
-            sources.append(_flat(source))
-            targets.append(_flat(target))
+            count, length = runs.shape[:2]
+            now.append(at + np.add.outer(np.arange(count) * length, np.arange(PAST + 1, length)).ravel())
+            then.append(base + 1 + np.arange(len(now[-1])))
+            source, target = (
+                np.ascontiguousarray(np.moveaxis(a, -3, -1), np.float32).reshape(-1, a.shape[-2] * a.shape[-1], 3)
+                for a in (runs, target)
+            )
+            sources.append(source)
+            targets.append(target)
             at, base = at + len(source), base + len(target)
             dts.append(np.full(len(now[-1]), one.frame_dt, np.float32))
         self._source, self._target = np.concatenate(sources), np.concatenate(targets)
@@ -138,8 +133,3 @@ class Pairs:
         goal = self._then[frame][:, None] * self._target.shape[1] + points
         y = self._target.reshape(-1, 3).take(goal, 0).reshape(len(which), -1)
         return combine(frames, self.kind, self._dt[frame][:, None]), y
-
-
-def _flat(frames: np.ndarray) -> np.ndarray:
-    """``(F, 3, H, W)`` as ``(F, H W, 3)``."""
-    return np.ascontiguousarray(frames.transpose(0, 2, 3, 1), np.float32).reshape(len(frames), -1, 3)

@@ -1,13 +1,9 @@
 """``minicloth train upscaler``: a published network (``U*FC-V``, or one level of an H-DNN-like one) from a recipe.
 
-The network takes absolute coordinates and gives absolute coordinates, as Lee et al. 2019 have it, and the loss is
-theirs (eq. 4): squared distances, summed over the vertices of a patch, meant over patches, in m^2. For the optimiser
-alone, features are centred and whitened by their principal components and outputs scaled; both are linear and are
-folded into the first and the last layer when the weights are written. With ``start="bilinear"`` the optimised units
-learn what bilinear interpolation misses, and the units that pass the corners on are added as the weights are written:
-what is shipped is a plain fully connected network of the recipe's width.
-
-Goes on where it was stopped, bit for bit: the batch of a step follows from the seed and the step's number.
+It takes and gives absolute coordinates; the loss is eq. 4 of Lee et al. 2019. For the optimiser alone, features are
+whitened and outputs scaled; both are linear and folded into the first and the last layer. With ``start="bilinear"`` the
+optimised units learn what bilinear interpolation misses; units that pass the corners on are added at the end. A stopped
+training goes on, bit for bit.
 """
 
 from __future__ import annotations
@@ -22,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from scipy.linalg import block_diag
 
 from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
@@ -29,11 +26,12 @@ from surrogates.checkpoint import WEIGHTS, save
 from surrogates.upscale.published import Mlp
 from training.fit import Kept, cosine, fit
 from training.generate import data_folder
-from training.recipes.upscaler import RECIPES, SHIPPED, Recipe, weights_name, work_folder
 from training.upscaler.data import Pairs, data_hash, read, shards
+from training.upscaler.recipes import RECIPES, SHIPPED, Recipe, weights_name, work_folder
 
 PROBE = 100_000  # pairs for the statistics, and for the errors of the card
 LEAST_VARIANCE = 1e-7  # of a principal component that is whitened, over the largest one's
+NAMES = "weight", "bias"
 CARRY = 8.0  # standard deviations that a unit which passes a coordinate on can take before it is cut off
 
 
@@ -56,30 +54,19 @@ class Scaling:
 
     def fold(self, weights: list[tuple[np.ndarray, np.ndarray]]) -> dict[str, np.ndarray]:
         """The arrays of the whole network, in absolute coordinates, from the layers ``(out, in)`` inside."""
-        layers = [(w.astype(np.float64), b.astype(np.float64)) for w, b in weights]
-        w, b = layers[0]
-        layers[0] = w @ self.white.T, b - w @ self.white.T @ self.mean
-        w, b = layers[-1]
-        layers[-1] = self.spread * w, self.spread * b + self.offset
+        (first, bias), *middle, (last, offset) = [(w.astype(np.float64), b.astype(np.float64)) for w, b in weights]
+        first, bias = first @ self.white.T, bias - first @ self.white.T @ self.mean
+        last, offset = self.spread * last, self.spread * offset + self.offset
         if self.carried:
             n = self.corners
-            pick = np.zeros((n, len(self.mean)))
-            pick[:, -n:] = np.diag(1 / self.scale)
-            centre = self.mean[-n:]
-            w, b = layers[0]
-            layers[0] = np.concatenate([w, pick]), np.concatenate([b, CARRY - centre / self.scale])
-            for k in range(1, len(layers) - 1):
-                w, b = layers[k]
-                wide = np.zeros((len(w) + n, w.shape[1] + n))
-                wide[: len(w), : w.shape[1]], wide[len(w) :, w.shape[1] :] = w, np.eye(n)
-                layers[k] = wide, np.concatenate([b, np.zeros(n)])
-            w, b = layers[-1]
-            back = self.linear[-n:].T
-            layers[-1] = np.concatenate([w, back * self.scale], 1), b + back @ (centre - CARRY * self.scale)
-        arrays: dict[str, np.ndarray] = {}
-        for k, (w, b) in enumerate(layers):
-            arrays |= {f"weight{k}": w.astype(np.float32), f"bias{k}": b.astype(np.float32)}
-        return arrays
+            centre, back = self.mean[-n:], self.linear[-n:].T
+            pick = np.eye(n, len(self.mean), len(self.mean) - n) / self.scale[:, None]
+            first, bias = np.concatenate([first, pick]), np.concatenate([bias, CARRY - centre / self.scale])
+            middle = [(block_diag(w, np.eye(n)), np.pad(b, (0, n))) for w, b in middle]
+            last = np.concatenate([last, back * self.scale], 1)
+            offset = offset + back @ (centre - CARRY * self.scale)
+        pairs = enumerate([(first, bias), *middle, (last, offset)])
+        return {f"{n}{k}": a.astype(np.float32) for k, pair in pairs for n, a in zip(NAMES, pair, strict=True)}
 
 
 def errors(arrays: dict[str, np.ndarray], pairs: Pairs, seed: int = 2) -> dict[str, float]:
@@ -113,34 +100,39 @@ def train(recipe: Recipe, pairs: Pairs, kept: Kept) -> tuple[dict[str, np.ndarra
     return scaling.fold([(layer.weight.detach().numpy(), layer.bias.detach().numpy()) for layer in layers]), seconds
 
 
-def run(name: str, data: Path | None, out: Path, *, fresh: bool = False) -> dict[str, Any]:
-    """Train recipe ``name`` and write its weights and card to ``out``. Returns the card."""
-    recipe = RECIPES[name]
-    folder = data or data_folder(recipe.scene, recipe.preset)
-    split = {held: shards(folder, held_out=held) for held in (False, True)}
-    options = {"inputs": recipe.inputs, "features": recipe.features}
-    pairs = {
-        held: Pairs([read(p, recipe.factor) for p in paths], recipe.scene, recipe.factor, **options)
-        for held, paths in split.items()
-    }
-    known = data_hash([*split[False], *split[True]])
-    about = {"name": name, **asdict(recipe)}
-    kept = Kept(work_folder() / f"{name}-{known[:8]}.pt", json.dumps(about | {"data": known}))
-    if fresh:
-        kept.path.unlink(missing_ok=True)
-    arrays, seconds = train(recipe, pairs[False], kept)
-    card = {
+def main(argv: Sequence[str] | None = None) -> int:
+    """Train the network, write its weights and their card. Returns the exit code."""
+    parser = argparse.ArgumentParser(prog="minicloth train upscaler", description=__doc__)
+    parser.add_argument("--recipe", required=True, help="one of " + ", ".join(RECIPES))
+    parser.add_argument("--data", type=Path, help="folder of `minicloth generate` (default: in the user's cache)")
+    parser.add_argument("--out", type=Path, help="folder of the weights (default: the package's, or a cache)")
+    options = parser.parse_args(argv)
+    name = options.recipe
+    if name not in RECIPES:
+        raise unknown_name("recipe", name, RECIPES)
+    recipe, work = RECIPES[name], work_folder()
+    folder = options.data or data_folder(recipe.scene, recipe.preset)
+    paths = [shards(folder, held_out=held) for held in (False, True)]
+    learnt, held = (
+        Pairs([read(path, recipe.factor) for path in part], recipe.scene, recipe.factor,
+              inputs=recipe.inputs, features=recipe.features)
+        for part in paths
+    )  # fmt: skip
+    known, about = data_hash([*paths[0], *paths[1]]), {"name": name, **asdict(recipe)}
+    kept = Kept(work / f"{name}-{known[:8]}.pt", json.dumps(about | {"data": known}))
+    arrays, seconds = train(recipe, learnt, kept)
+    card: dict[str, Any] = {
         "recipe": about,
         "data": {
             "hash": known,
             "teacher": "P-ADMM, 10 iterations, full resolution",
-            "trajectories": {"learnt from": len(split[False]), "held out": len(split[True])},
-            "pairs": len(pairs[False]),
+            "trajectories": {"learnt from": len(paths[0]), "held out": len(paths[1])},
+            "pairs": len(learnt),
         },
         "errors": {
             "units": "mse: eq. 4 of Lee et al. 2019 [m^2]; distance: mean of a vertex [m]; linear: interpolation",
-            "learnt from": errors(arrays, pairs[False]),
-            "held out": errors(arrays, pairs[True]),
+            "learnt from": errors(arrays, learnt),
+            "held out": errors(arrays, held),
         },
         "valid": {
             "scene": f'{recipe.scene} with preset="{recipe.preset}" at its own resolution',
@@ -152,21 +144,6 @@ def run(name: str, data: Path | None, out: Path, *, fresh: bool = False) -> dict
         "licence": "MIT",
         **header(),
     }
-    save(weights_name(name), arrays, card, out)
-    return card
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Train the network. Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="minicloth train upscaler", description=__doc__)
-    parser.add_argument("--recipe", required=True, help="one of " + ", ".join(RECIPES))
-    parser.add_argument("--data", type=Path, help="folder of `minicloth generate` (default: in the user's cache)")
-    parser.add_argument("--out", type=Path, help="folder of the weights (default: the package's, or a cache)")
-    parser.add_argument("--fresh", action="store_true", help="start again instead of going on")
-    options = parser.parse_args(argv)
-    if options.recipe not in RECIPES:
-        raise unknown_name("recipe", options.recipe, RECIPES)
-    out = options.out or (WEIGHTS if options.recipe in SHIPPED else work_folder() / "weights")
-    card = run(options.recipe, options.data, out, fresh=options.fresh)
+    save(weights_name(name), arrays, card, options.out or (WEIGHTS if name in SHIPPED else work / "weights"))
     print(json.dumps({"seconds": card["seconds"], **card["errors"]["held out"]}))
     return 0

@@ -14,7 +14,7 @@ from training.bench.charts import SHADE, WIDTH, dress, legend, save
 from training.bench.papers import runs
 from training.bench.papers.published import TABLE_7, FrameErrorRow, PublishedRow
 from training.bench.papers.runs import HISTORY, UNSCALED
-from training.recipes.upscaler import SCENES, work_folder
+from training.upscaler.recipes import SCENES, work_folder
 
 # method -> name, colour (Okabe & Ito 2008), marker, line.
 LOOKS: dict[str, tuple[str, str, str, str]] = {

@@ -23,8 +23,9 @@ from surrogates.checkpoint import WEIGHTS
 from training.bench.papers import runs
 from training.bench.papers.runs import READINGS, UNSCALED, UPSCALERS
 from training.bench.participants import Participant
-from training.recipes.upscaler import FACTORS, SCENES, Recipe
+from training.upscaler.recipes import FACTORS, SCENES, Recipe
 from training.rows import Store
+from training.upscaler.recipes import FACTORS, SCENES, Recipe
 
 HORIZONS = (10, 14, 25, 100)  # frames of free runs
 WINDOW, HELD_OUT = 20, 12

@@ -26,7 +26,7 @@ from training.bench.papers.published import TABLE_4, TABLE_8
 from training.bench.papers.runs import PRESET, by_frame, cloths, follow, shrunk, solver, teacher
 from training.bench.participants import extra
 from training.cell.data import STEPS
-from training.recipes.upscaler import SCENES, work_folder
+from training.upscaler.recipes import SCENES, work_folder
 
 
 @dataclass(frozen=True)

@@ -109,7 +109,7 @@ def upscalers(run: Recording, factor: int, names: Sequence[str], folder: Path | 
             weights = load(f"{stem}_{kind}", folder)
             found["fc " + kind.replace("_", " ")] = FullyConnected(coarse, run.scene, factor, weights=weights)
     taught = f"{weights_name('local', run.scene.name)}_{factor}"
-    if folder and (folder / f"{taught}.safetensors").is_file():  # of training.local.published
+    if folder and (folder / f"{taught}.safetensors").is_file():  # of `minicloth train local --published`
         found["local"] = Local(coarse, run.scene, factor, arrays=load(taught, folder).arrays)
     for each in found.values():
         each.set_materials([0], [run.scene.material])

@@ -1,0 +1,58 @@
+"""What trainings share: their command line, and how the weights of a scene at a grid factor are kept."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from cloth_envs.machine import header
+from cloth_envs.registry import SCENES
+from surrogates.checkpoint import WEIGHTS, add_factor, written
+from training.cache import cache_folder
+from training.rows import read_names
+
+Recipe = TypeVar("Recipe")
+
+
+def parser_of(name: str, about: str | None, recipe: type, options: Mapping[str, str]) -> ArgumentParser:
+    """Of ``minicloth train <name>``: scenes, folders, and these ``options`` of the recipe with what they are."""
+    parser = ArgumentParser(prog=f"minicloth train {name}", description=about)
+    parser.add_argument("--scenes", nargs="*", default=list(SCENES))
+    for option, text in options.items():
+        default = getattr(recipe, option)
+        parser.add_argument(f"--{option}", type=type(default), default=default, help=f"{text} (default {default})")
+    parser.add_argument("--out", type=Path, default=WEIGHTS, help="folder of the weights")
+    parser.add_argument("--cache", type=Path, default=cache_folder(name.replace("-", "_")), help="folder of the data")
+    return parser
+
+
+def read(
+    parser: ArgumentParser, argv: Sequence[str] | None, recipe: type[Recipe], options: Mapping[str, str]
+) -> tuple[Namespace, Recipe]:
+    """What the command line says, and its recipe.
+
+    Raises:
+        ValueError: an unknown scene.
+    """
+    given = parser.parse_args(argv)
+    given.scenes = read_names(",".join(given.scenes), list(SCENES), "scene")
+    return given, recipe(**{name: getattr(given, name) for name in options})
+
+
+def is_done(name: str, factor: int, settings: Mapping[str, Any], out: Path) -> bool:
+    """Whether ``out`` holds weights that were trained so."""
+    return written(name, out).card.get(str(factor), {}).get("trained with") == settings
+
+
+def keep(
+    name: str, factor: int, arrays: Mapping[str, np.ndarray], settings: Mapping[str, Any], seconds: float,
+    errors: Mapping[str, Any], card: Mapping[str, Any], out: Path,
+) -> None:  # fmt: skip
+    """Write weights with a card that tells ``errors`` (what these are, and their values)."""
+    about = {**errors, "trained with": settings, "seconds": round(seconds, 1), "machine": header()}
+    add_factor(name, factor, arrays, about, {**card, "licence": "MIT"}, out)
+    print(f"{name} at factor {factor}, {seconds:.0f} s: {errors}", flush=True)
