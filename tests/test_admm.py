@@ -14,8 +14,7 @@ import cloth_envs  # noqa: F401
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.physics import laws
-from cloth_envs.physics.admm.modes import eigenvalues, modes
-from cloth_envs.physics.admm.solver import WEIGHT, AdmmSolver
+from cloth_envs.physics.admm.solver import WEIGHT, AdmmSolver, eigenvalues, modes
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.implicit.prefactored import bending_matrix, spring_laplacian
 from cloth_envs.physics.laws.stencil import edges, triples
@@ -92,7 +91,7 @@ def twin(scene: Scene, state: State, controls: Controls, iterations: int) -> np.
     """Positions ``(3, n)`` after one P-ADMM step, one line for one formula."""
     grid, h, held = scene.grid, scene.frame_dt, list(scene.handles)
     goal, start = prediction(scene, state, controls, h), state.positions[0].reshape(3, -1)
-    a = matrix(grid, eigenvalues(grid, scene.material, h, WEIGHT))
+    a = matrix(grid, eigenvalues(grid, scene.material, h))
     free = np.setdiff1d(np.arange(grid.vertices), held)
     all_springs = springs(scene, start, h)
     duals = [np.zeros((3, len(first))) for first, *_ in all_springs]
@@ -139,9 +138,9 @@ def test_the_modes_give_the_matrix_of_springs_and_bound_bending(grid: Grid) -> N
     limp, h = CLOTH.with_changes(bend_stiffness=0, damping=0), 0.03
     springs_alone = (WEIGHT * spring_laplacian(grid, limp)).toarray()
     springs_alone += np.diag(grid.areas.ravel() * limp.areal_density / h**2)
-    got = matrix(grid, eigenvalues(grid, limp, h, WEIGHT))
+    got = matrix(grid, eigenvalues(grid, limp, h))
     np.testing.assert_allclose(got, springs_alone, atol=1e-12 * abs(springs_alone).max())
-    more = matrix(grid, eigenvalues(grid, CLOTH.with_changes(damping=0), h, WEIGHT)) - got
+    more = matrix(grid, eigenvalues(grid, CLOTH.with_changes(damping=0), h)) - got
     gap = np.linalg.eigvalsh(more - bending_matrix(grid, CLOTH).toarray())
     assert gap[0] > -1e-10 * np.linalg.norm(more)  # never below the true matrix
 

@@ -19,8 +19,6 @@ USUAL: tuple[tuple[str, dict[str, Any]], ...] = (
     ("miniature", {"factor": 2, "scaling": "closure", "upscaler": "local"}),
     ("miniature", {"factor": 4, "scaling": "closure", "upscaler": "local"}),
 )
-# Same mesh and energy as the full resolution, a quarter of its step, in double precision.
-TRUTH_KWARGS = {"dtype": "float64", "refine": 4}
 
 
 @dataclass(frozen=True)

@@ -38,10 +38,9 @@ class ImplicitSolver(Solver):
     Slow: one long step of a stiff sheet takes hundreds of iterations, more where it slides on a round body. The
     explicit solver is the fast one at the scenes' sizes; this one is for what would need too many steps of it.
 
-    Args:
-        scene: what is modelled; terms that it does not list are not evaluated.
-        num_envs: members of the batch, stepped one after the other; each stops on its own.
-        dtype: of the state, ``"float32"`` or ``"float64"``; steps are computed in float64.
+    Members of the batch are stepped one after the other, in float64; each stops on its own.
+
+    Args, beside those of ``Solver``:
         scheme: ``"euler"`` or ``"sdirk2"``.
         substeps: steps per frame.
         tolerance: a step ends when the unbalanced force on no vertex exceeds this share of its weight at 9.81 m/s^2.
