@@ -76,28 +76,19 @@ class World:
         self.episode: Episode | None = None
         self.controls: Controls | None = None
 
-        bound = np.concatenate(
-            [
-                np.full(3 * len(self.task.keypoints), POSITION_BOUND),
-                np.full(3 * len(self.task.keypoints), VELOCITY_BOUND),
-                np.full(len(self.task.extras), self.task.extras_bound),
-            ]
-        ).astype(np.float32)
+        n, k = len(self.task.keypoints), len(self.task.extras)
+        bounds = [POSITION_BOUND, VELOCITY_BOUND, self.task.extras_bound]
+        bound = np.repeat(np.array(bounds, np.float32), [3 * n, 3 * n, k])
         self._bound = bound
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.task.actions),), np.float32)
         self.observation_space: spaces.Space[Any]
         if obs == "keypoints":
             self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
         else:
-            limit = np.repeat(np.array([POSITION_BOUND, VELOCITY_BOUND], np.float32), 3)
+            limit = np.repeat(np.array(bounds[:2], np.float32), 3)
             mesh = np.broadcast_to(limit[:, None, None], (6, *self.scene.grid.shape))
-            extras = bound[-len(self.task.extras) :]
-            self.observation_space = spaces.Dict(
-                {
-                    "mesh": spaces.Box(-mesh, mesh, dtype=np.float32),
-                    "task": spaces.Box(-extras, extras, dtype=np.float32),
-                }
-            )
+            limits = {"mesh": mesh, "task": bound[-k:]}
+            self.observation_space = spaces.Dict({n: spaces.Box(-b, b, dtype=np.float32) for n, b in limits.items()})
 
     @property
     def state(self) -> State:

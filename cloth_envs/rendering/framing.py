@@ -42,9 +42,7 @@ def support(scene: Scene) -> str:
         return "pole"
     if (row == 0).all() and len(handles) > 2:
         return "rail"
-    border = np.ones(grid.shape, bool)
-    border[1:-1, 1:-1] = False
-    return "frame" if set(np.flatnonzero(border)) <= set(handles.tolist()) else "pins"
+    return "frame" if np.isin(grid.border, handles).all() else "pins"
 
 
 def at_resolution(scene: Scene, shape: tuple[int, int]) -> Scene:
@@ -61,7 +59,7 @@ def at_resolution(scene: Scene, shape: tuple[int, int]) -> Scene:
     if support(scene) in ("pole", "belt"):  # whole lines of vertices stay whole
         vertices = np.flatnonzero(inside[1] == 0 if support(scene) == "pole" else inside[0] == row[0])
     elif support(scene) == "frame":
-        vertices = np.flatnonzero((inside % (np.array(fine.shape) - 1)[:, None, None] == 0).any(0))
+        vertices = np.sort(fine.border)
     handles = tuple(dict.fromkeys(vertices.tolist()))
     return replace(scene, grid=fine, handles=handles)
 
@@ -150,10 +148,8 @@ def shift(moved: np.ndarray, slack: float) -> np.ndarray:
     return moved * max(0.0, 1.0 - slack / max(float(np.linalg.norm(moved)), 1e-12))
 
 
-def fit(
-    points: np.ndarray, towards: np.ndarray, aspect: float, below: float = 0.0
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Camera position, focal point and up vector that just hold ``points`` ``(N, 3)``, z up.
+def fit(points: np.ndarray, towards: np.ndarray, aspect: float, below: float = 0.0) -> Camera:
+    """The camera that just holds ``points`` ``(N, 3)``, z up.
 
     With x right, y up and z towards the camera at distance D, a point is inside the right edge when
     ``x - cx <= (D - z) t``; the two edges of an axis give D and the centre cx in closed form. ``below``
@@ -171,4 +167,4 @@ def fit(
     centre = np.append((most - least) / 2, 0.0)
     centre[1] -= below * half * distance
     focal = centre @ axes
-    return focal + distance * axes[2], focal, axes[1]
+    return Camera(tuple(focal + distance * axes[2]), tuple(focal), tuple(axes[1]))

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from cloth_envs.material import Material
-from cloth_envs.physics.laws.drives import hermite
+from cloth_envs.physics.laws.step import hermite
 from cloth_envs.physics.particles.solver import Cell, ParticleSolver, net_of
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State

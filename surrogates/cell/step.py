@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cloth_envs.physics.laws.drives import hermite
+from cloth_envs.physics.laws.step import hermite
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from surrogates.cell.air import air_forces, pressure_force

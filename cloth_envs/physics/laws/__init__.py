@@ -1,13 +1,12 @@
 """The laws in plain NumPy: the definition of every force and contact, and the oracle of the compiled kernels.
 
-``sheet`` (springs, dashpots, bending, weight), ``air`` (wind, pressure), ``bodies`` (contact), ``drives`` (what is
-driven), ``step`` (a frame of them all), ``particles`` (the net of Zhao 2024); ``stencil``, ``diagnostics`` and
+``sheet`` (springs, dashpots, bending, weight), ``air`` (wind, pressure), ``bodies`` (contact), ``step`` (what is
+driven, and a frame of them all), ``particles`` (the net of Zhao 2024); ``stencil``, ``diagnostics`` and
 ``budget`` beside them. All is computed in float64, one vertex class at a time, with nothing saved or reused: read it,
 do not run it on anything large.
 """
 
 from cloth_envs.physics.laws.air import pressure_energy, pressure_forces, wind_forces
-from cloth_envs.physics.laws.drives import hermite
 from cloth_envs.physics.laws.sheet import (
     Forces,
     Materials,
@@ -21,7 +20,7 @@ from cloth_envs.physics.laws.sheet import (
     spring_energy,
     spring_forces,
 )
-from cloth_envs.physics.laws.step import step, total_forces
+from cloth_envs.physics.laws.step import hermite, step, total_forces
 
 __all__ = [
     "Forces",
