@@ -128,11 +128,7 @@ class World:
             self.episode.memory[name][which] = values
 
     def set_positions(self, positions: np.ndarray, velocities: np.ndarray | None = None, which: int = 0) -> None:
-        """Place one cloth, ``(3, H, W)`` [m] and [m/s]; goals, bodies and time stay.
-
-        Raises:
-            ValueError: wrong shape or values that are not finite; the state is unchanged.
-        """
+        """See ``ClothEnv.set_positions``; ``which`` is the member."""
         state = self.state.select([which])
         parts = {"positions": positions, "velocities": np.zeros_like(positions) if velocities is None else velocities}
         for name, value in parts.items():
@@ -195,7 +191,7 @@ class World:
         return out
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Everything that decides the future, as arrays: save with ``numpy.savez(file, **state)``."""
+        """See ``ClothEnv.get_state``."""
         state, episode = self.state, self.episode
         assert episode is not None
         saved = {f"state.{name}": value.copy() for name, value in state.arrays().items()}

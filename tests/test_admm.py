@@ -13,10 +13,11 @@ from scipy.optimize import minimize
 import cloth_envs  # noqa: F401
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics import laws
 from cloth_envs.physics.admm.solver import WEIGHT, AdmmSolver, eigenvalues, modes
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.implicit.prefactored import bending_matrix, spring_laplacian
+from cloth_envs.physics.laws.air import pressure_forces
+from cloth_envs.physics.laws.sheet import kinetic_energy
 from cloth_envs.physics.laws.stencil import edges, triples
 from cloth_envs.physics.solver import Solver
 from cloth_envs.scene import Collider, Scene, Wind
@@ -72,7 +73,7 @@ def prediction(scene: Scene, state: State, controls: Controls, h: float) -> np.n
     m = scene.material
     decay = np.exp(-m.drag * h)
     lag = (1 - decay) / m.drag if m.drag else h
-    acceleration = laws.pressure_forces(scene.grid, state.positions, controls.pressure * scene.pressure)
+    acceleration = pressure_forces(scene.grid, state.positions, controls.pressure * scene.pressure)
     acceleration = acceleration / scene.mass - scene.gravity * np.array([0, 0, 1.0])[:, None, None]
     return (state.positions + h * decay * state.velocities + h * lag * acceleration)[0].reshape(3, -1)
 
@@ -268,7 +269,7 @@ def test_nothing_blows_up_over_the_whole_range() -> None:
         most = 0.0
         for _ in range(40):
             end = solver.advance(controls)
-            most = max(most, float(laws.kinetic_energy(grid, [material], end.velocities)[0]))
+            most = max(most, float(kinetic_energy(grid, [material], end.velocities)[0]))
         # Weight and wind can't give more: a fall over the flag's length, and the wind's own speed.
         heaviest = material.areal_density * 1.5
         assert most < heaviest * (G * 1.5 + 21 * wind**2 / 2), (stiffness, mass, frame, wind)

@@ -51,15 +51,7 @@ def compare_scene(
     if video:
         import_imageio()
         import_pyvista()
-    with tqdm(total=2 + len(chosen), desc="physics", disable=None) as bar:
-
-        def report(stage: str) -> None:
-            bar.set_postfix_str(stage)
-            bar.update()
-
-        result = compare(
-            scene, chosen, actions, seed=seed, material=material, resolution=task.resolution, report=report
-        )
+    result = compare(scene, chosen, actions, seed=seed, material=material, resolution=task.resolution)
     fabric = "" if material is None else f", material {material}"
     setup = f"{scene}, {frames} frames of {task.frame_dt * 1e3:g} ms, seed {seed}, {policy} actions{fabric}"
     stem = folder / f"compare_{scene.lower()}"

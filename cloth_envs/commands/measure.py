@@ -7,13 +7,14 @@ and its distance from the truth is reported as divergence.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 from gymnasium.utils.seeding import np_random
+from tqdm import tqdm
 
 from cloth_envs.commands.entries import Entry
 from cloth_envs.grid import Grid
@@ -155,12 +156,8 @@ def compare(
     material: Any = None,
     resolution: tuple[int, int],
     repeats: int = REPEATS,
-    report: Callable[[str], None] = lambda text: None,
 ) -> Comparison:
     """Measure ``entries`` over ``actions`` ``(T, A)`` against the truth at ``resolution``.
-
-    Args:
-        report: is told before each of the ``2 + len(entries)`` stages.
 
     Raises:
         ValueError: a bad entry, or too few frames.
@@ -174,7 +171,6 @@ def compare(
     truth_entry = Entry("reference", resolution, TRUTHS["g1"])
     worlds = [entry.world(scene, material) for entry in entries]
     world = truth_entry.world(scene, material)
-    report("truth")
     world.reset({0: np_random(seed)[0]})
     truth = Truth(world, [world.state.positions[0].copy()], {0: world.get_state()})
     for done, failure in run(world, actions):
@@ -184,12 +180,10 @@ def compare(
         if done in starts:
             truth.saved[done] = world.get_state()
     results = []
-    for entry, world in zip(entries, worlds, strict=True):
-        report(entry.label)
+    for entry, world in zip(tqdm(entries, "physics", disable=None), worlds, strict=True):
         world.reset({0: np_random(seed)[0]})
         results.append(measure(entry, world, truth, actions, horizons, starts))
-    report("timing")
-    for _ in range(repeats):  # in turn, so that a busy moment of the machine hits all alike
+    for _ in tqdm(range(repeats), "timing", disable=None):  # in turn: a busy moment of the machine hits all alike
         for result, world in zip(results, worlds, strict=True):
             truth.set(world, 0)
             backend, world.backend = world.backend, Timed(world.backend, result.seconds)

@@ -1,4 +1,4 @@
-"""The plain NumPy twin of the explicit kernel: drives, all forces, and a frame of symplectic Euler. The tests' oracle."""
+"""The plain NumPy twin of the explicit kernel: drives, all forces, and a frame of symplectic Euler; tests' oracle."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ def hermite(
 
 def bodies_at(scene: Scene, old: State, controls: Controls, s: float) -> tuple[np.ndarray, np.ndarray]:
     """Bodies and their velocities ``(B, C, 2, 3)`` at ``s`` in [0, 1] of the frame from ``old``."""
-    start, end = (old.colliders, old.collider_velocities), (controls.colliders, controls.collider_velocities)
-    return hermite(s, scene.frame_dt, *start, *end)
+    x1, v1 = controls.colliders, controls.collider_velocities
+    return hermite(s, scene.frame_dt, old.colliders, old.collider_velocities, x1, v1)
 
 
 def put_handles(scene: Scene, old: State, now: State, controls: Controls, s: float) -> None:
     """Give the handles of ``now`` their place and velocity at ``s`` in [0, 1] of the frame from ``old``."""
     held = list(scene.handles)
-    start = (flat(field)[..., held].transpose(0, 2, 1) for field in (old.positions, old.velocities))
-    moved = hermite(s, scene.frame_dt, *start, controls.handle_positions, controls.handle_velocities)
+    x0, v0 = (flat(field)[..., held].transpose(0, 2, 1) for field in (old.positions, old.velocities))
+    moved = hermite(s, scene.frame_dt, x0, v0, controls.handle_positions, controls.handle_velocities)
     for array, value in zip((now.positions, now.velocities), moved, strict=True):
         array.reshape(len(array), 3, -1)[..., held] = value.transpose(0, 2, 1)
 

@@ -10,8 +10,8 @@ from time import perf_counter
 import numpy as np
 
 from cloth_envs.grid import Grid
-from cloth_envs.physics import laws
 from cloth_envs.physics.explicit.solver import ExplicitSolver
+from cloth_envs.physics.laws.step import step
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
@@ -77,7 +77,7 @@ def numpy_ns(size: str, repeats: int) -> float:
     best = np.inf
     for _ in range(repeats):
         start = perf_counter()
-        laws.step(scene, state, controls, 5)
+        step(scene, state, controls, 5)
         best = min(best, (perf_counter() - start) / (5 * scene.grid.vertices) * 1e9)
     return float(best)
 
