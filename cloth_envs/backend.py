@@ -80,11 +80,7 @@ def check_keywords(factory: Callable[..., Any], given: Mapping[str, Any], whose:
 
 
 def read_object(text: str, what: str) -> dict[str, Any]:
-    """A JSON object.
-
-    Raises:
-        ValueError: not JSON, or not an object.
-    """
+    """A JSON object. Raises ValueError: not JSON, or not an object."""
     try:
         value = json.loads(text)
     except json.JSONDecodeError as error:

@@ -24,12 +24,7 @@ def install(extra: str) -> str:
 
 
 def load(name: str) -> Any:
-    """What ``"module:attribute"`` of ``training`` names.
-
-    Raises:
-        ImportError: there is no checkout here, or a package of somebody else is called ``training`` too; says what
-            to do.
-    """
+    """What ``"module:attribute"`` of ``training`` names. Raises ImportError: no checkout here, or another training."""
     module, attribute = name.split(":")
     if not in_checkout():
         raise ImportError(

@@ -135,11 +135,7 @@ def coarser(resolution: tuple[int, int], factor: float) -> tuple[int, int]:
 
 
 def check_resolution(resolution: Sequence[int] | None, default: tuple[int, int]) -> tuple[int, int]:
-    """``(rows, cols)``, ``default`` for None.
-
-    Raises:
-        ValueError: anything but two whole numbers.
-    """
+    """``(rows, cols)``, ``default`` for None. Raises ValueError: anything but two whole numbers."""
     if resolution is None:
         return default
     shape = tuple(resolution) if isinstance(resolution, Sequence) else ()

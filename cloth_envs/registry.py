@@ -58,11 +58,7 @@ def env_id(scene: str) -> str:
 
 
 def load_task(name: str) -> type[Task]:
-    """The Task class of a scene.
-
-    Raises:
-        ValueError: unknown scene; the nearest match is named.
-    """
+    """The Task class of a scene. Raises ValueError: unknown scene; the nearest match is named."""
     if not isinstance(name, str) or name not in SCENES:
         raise unknown_name("scene", name, SCENES)
     task: type[Task] = resolve(SCENES[name])

@@ -73,7 +73,7 @@ class World:
         self.rngs: list[np.random.Generator | None] = [None] * num_envs
         self.materials = [base] * num_envs
         self.frames = np.zeros(num_envs, np.int64)
-        self.episode: Episode | None = None
+        self._episode: Episode | None = None
         self.controls: Controls | None = None
 
         n, k = len(self.task.keypoints), len(self.task.extras)
@@ -91,9 +91,13 @@ class World:
             self.observation_space = spaces.Dict({n: spaces.Box(-b, b, dtype=np.float32) for n, b in limits.items()})
 
     @property
-    def state(self) -> State:
-        if self.episode is None:
+    def episode(self) -> Episode:
+        if self._episode is None:
             raise RuntimeError("there is no cloth yet: call reset() first")
+        return self._episode
+
+    @property
+    def state(self) -> State:
         return self.episode.state
 
     def reset(self, rngs: Mapping[int, np.random.Generator]) -> None:
@@ -116,11 +120,11 @@ class World:
 
     def _place(self, which: Sequence[int], state: State, memory: dict[str, np.ndarray]) -> None:
         materials = [self.materials[i] for i in which]
-        if self.episode is None:
+        if self._episode is None:
             if len(which) < self.num_envs:
                 raise RuntimeError("the first reset must start every environment")
             self.backend.reset(state, materials)
-            self.episode = Episode(self.backend.state, memory, np.zeros((self.num_envs, len(self.task.actions))))
+            self._episode = Episode(self.backend.state, memory, np.zeros((self.num_envs, len(self.task.actions))))
             return
         self.backend.reset(state, materials, which)
         self.episode.state = self.backend.state
@@ -146,8 +150,7 @@ class World:
         Raises:
             ValueError: actions of the wrong shape or not finite; nothing has moved then.
         """
-        before = self.state
-        assert self.episode is not None
+        episode, before = self.episode, self.state
         actions = np.asarray(actions, np.float64)
         expected = (self.num_envs, len(self.task.actions))
         if actions.shape != expected:
@@ -157,7 +160,6 @@ class World:
         clipped = clip_actions(actions)
         if clipped is None:
             raise ValueError("action holds NaN or infinity; the state is unchanged, pass numbers in [-1, 1]")
-        episode = self.episode
         episode.action = clipped
         self.controls = self.task.controls(episode)
         episode.state = self.backend.advance(self.controls)
@@ -177,7 +179,6 @@ class World:
     def observe(self) -> Any:
         """Observations of the batch, freshly allocated, in ``observation_space`` with a leading axis."""
         state, episode = self.state, self.episode
-        assert episode is not None
         extras = self.task.observe(episode)
         if self.obs == "mesh":
             mesh = np.concatenate([state.positions, state.velocities], 1)
@@ -193,7 +194,6 @@ class World:
     def get_state(self) -> dict[str, np.ndarray]:
         """See ``ClothEnv.get_state``."""
         state, episode = self.state, self.episode
-        assert episode is not None
         saved = {f"state.{name}": value.copy() for name, value in state.arrays().items()}
         saved |= {f"memory.{name}": value.copy() for name, value in episode.memory.items()}
         saved |= {f"backend.{name}": value.copy() for name, value in self.backend.memory.items()}
@@ -233,3 +233,8 @@ class World:
         own = {name: parts.get(f"backend.{name}") for name in self.backend.memory}
         if all(a is not None and a.shape == self.backend.memory[name].shape for name, a in own.items()):
             self.backend.recall({name: a for name, a in own.items() if a is not None})
+
+
+def member(observations: Any, i: int) -> Any:
+    """What one environment of the batch observes."""
+    return {name: part[i] for name, part in observations.items()} if isinstance(observations, dict) else observations[i]

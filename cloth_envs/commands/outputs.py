@@ -20,11 +20,7 @@ from cloth_envs.state import State
 
 
 def import_imageio() -> ModuleType:
-    """imageio with its ffmpeg.
-
-    Raises:
-        ImportError: missing; says what to install.
-    """
+    """imageio with its ffmpeg. Raises ImportError: missing; says what to install."""
     try:
         import imageio.v2
         import imageio_ffmpeg  # noqa: F401

@@ -85,10 +85,5 @@ def pipes(lines: Sequence[Sequence[str]]) -> str:
     """A Markdown table whose columns are aligned as text, numbers to the right."""
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]
-    text = [
-        "| "
-        + " | ".join(c.rjust(w) if i else c.ljust(w) for i, (c, w) in enumerate(zip(line, widths, strict=True)))
-        + " |"
-        for line in (lines[0], rule, *lines[1:])
-    ]
-    return "\n".join(text)
+    rows = [[c.rjust(w) for c, w in zip(line, widths, strict=True)] for line in (lines[0], rule, *lines[1:])]
+    return "\n".join(f"| {' | '.join([row[0].strip().ljust(widths[0]), *row[1:]])} |" for row in rows)

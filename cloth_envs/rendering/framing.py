@@ -77,14 +77,6 @@ def lowest_hang(grid: Grid, handles: Sequence[int], heights: np.ndarray) -> floa
     return float((heights - length).max(-1).min())
 
 
-def ground_height(scene: Scene, colliders: np.ndarray) -> float | None:
-    """Height [m] of the first level plane among ``colliders`` ``(C, 2, 3)``, or None."""
-    for body, (point, normal) in zip(scene.colliders, colliders, strict=True):
-        if body.kind == "plane" and normal[2] > 0.99 * np.linalg.norm(normal):
-            return float(point[2])
-    return None
-
-
 def reach(scene: Scene, state: State, member: int = 0) -> np.ndarray:
     """Box ``(2, 3)`` [m], low and high corner, of what one member's cloth and bodies may occupy."""
     grid, kind = scene.grid, support(scene)
@@ -114,9 +106,10 @@ def reach(scene: Scene, state: State, member: int = 0) -> np.ndarray:
                 low[2] = min(low[2], ends[:, 2].max() + body.radius - np.hypot(grid.width, grid.height) / 2)
     size = max(grid.width, grid.height)
     low[2], high[2] = low[2] - FLOOR_GAP[kind] * size, high[2] + HEADROOM[kind] * size
-    ground = ground_height(scene, state.colliders[member])
-    if ground is not None:
-        low[2] = ground
+    for body, (point, normal) in zip(scene.colliders, state.colliders[member], strict=True):
+        if body.kind == "plane" and normal[2] > 0.99 * np.linalg.norm(normal):
+            low[2] = point[2]  # the first level one is the ground
+            break
     return np.stack([low, high])
 
 
@@ -141,11 +134,6 @@ def anchor(scene: Scene, state: State, member: int) -> np.ndarray:
         return state.positions[member].reshape(3, -1)[:, list(scene.handles)].mean(1).astype(float)
     bodies = [ends.mean(0) for body, ends in zip(scene.colliders, state.colliders[member], strict=True) if body.radius]
     return np.mean(bodies, 0).astype(float) if bodies else np.zeros(3)
-
-
-def shift(moved: np.ndarray, slack: float) -> np.ndarray:
-    """How far the camera goes along when its anchor has moved ``(3,)`` [m]: what exceeds ``slack``."""
-    return moved * max(0.0, 1.0 - slack / max(float(np.linalg.norm(moved)), 1e-12))
 
 
 def fit(points: np.ndarray, towards: np.ndarray, aspect: float, below: float = 0.0) -> Camera:

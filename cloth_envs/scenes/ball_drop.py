@@ -38,7 +38,6 @@ class BallDrop(Task):
     ## Observation Space
     `obs="keypoints"`: positions, then velocities of a 5 x 5 lattice of vertices (75 + 75 numbers), then the
     ball's x, y and its velocity, the cloth's middle (mean of the keypoints) and its velocity.
-    `obs="mesh"`: the geometry image and the same extras.
 
     ## Rewards
     `tolerance(distance of the middle from the ball's axis, 0.35 m) * held`, in [0, 1]; held is the middle's height over

@@ -40,7 +40,6 @@ class Collision(Task):
     ## Observation Space
     `obs="keypoints"`: positions, then velocities of a 5 x 4 lattice of vertices (60 + 60 numbers), then the
     ball's position and velocity and the goal.
-    `obs="mesh"`: the geometry image and the same extras.
 
     ## Rewards
     `tolerance(shape error, 0.2 m) * tolerance(overstretch, 0.05)`, in [0, 1]. The shape error is the root-mean-square

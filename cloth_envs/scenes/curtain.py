@@ -40,7 +40,6 @@ class Curtain(Task):
     ## Observation Space
     `obs="keypoints"`: positions, then velocities of a 5 x 4 lattice of vertices (60 + 60 numbers), then the
     lead ring's x, y and its velocity, the covered and the target fraction.
-    `obs="mesh"`: the geometry image and the same extras.
 
     ## Rewards
     `tolerance(covered - target, 0.3) * (1 + 3 * tolerance(swing, 0.5 m/s)) / 4` in [0, 1]. Covered is the mean

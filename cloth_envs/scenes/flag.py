@@ -34,7 +34,6 @@ class Flag(Task):
     ## Observation Space
     `obs="keypoints"`: positions, then velocities of a 4 x 5 lattice of vertices (60 + 60 numbers), then
     the pole's x, y and its velocity, the wind's x, y and the onlooker's direction x, y.
-    `obs="mesh"`: the geometry image and the same extras.
 
     ## Rewards
     Component of the flag's area vector towards the onlooker, without its sign, over the rest area, in [0, 1]. The

@@ -37,7 +37,6 @@ class Hanging(Task):
     ## Observation Space
     `obs="keypoints"`: positions, then velocities of a 4 x 4 lattice of vertices (48 + 48 numbers), then the
     corner's position and velocity, the middle's position and velocity (mean of the keypoints), the goal, the breeze.
-    `obs="mesh"`: the geometry image and the same extras.
 
     ## Rewards
     `tolerance(distance of middle to goal, 0.5 m) * (1 + 3 * tolerance(speed, 1 m/s)) / 4`, in [0, 1]; speed is the

@@ -34,7 +34,6 @@ class Pressure(Task):
     ## Observation Space
     `obs="keypoints"`: positions, then velocities of a 5 x 5 lattice of vertices (75 + 75 numbers), then apex
     height and velocity, pressure over 40 Pa, the target height now and in 0.1 s.
-    `obs="mesh"`: the geometry image and the same extras.
 
     ## Rewards
     `tolerance(apex - target, 0.05 m)`, in [0, 1].

@@ -143,8 +143,9 @@ class Task(ABC):
 
 def documented(task: type[Task]) -> type[Task]:
     """Add to a scene's docstring what is told of every one."""
-    n = EPISODE_FRAMES[task.__name__]
-    task.__doc__ = f"""{cleandoc(task.__doc__ or "")}
+    n, own = EPISODE_FRAMES[task.__name__], cleandoc(task.__doc__ or "")
+    own = own.replace("\n\n## Rewards", '\n`obs="mesh"`: the geometry image and the same extras.\n\n## Rewards')
+    task.__doc__ = f"""{own}
 
 ## Episode End
 Truncated after {n} frames ({n * task.frame_dt:g} s). Terminated when the simulation fails (`info["failure"]`).

@@ -21,9 +21,7 @@ from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet, who
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
-# w_i^2 of a spring over its stiffness. Measured on 37 x 25 vertices, 40 ms, 10 iterations, for 0.1 / 0.2 / 0.3 / 1:
-# distance to the explicit solver after a fall of 0.5 s 23 / 38 / 56 / 259 mm, largest strain of a cloth hung by two
-# corners 0.110 / 0.090 / 0.087 / 0.089 (true: 0.086). With 5 iterations 0.1 makes that cloth tremble, 0.2 does not.
+# w_i^2 of a spring over its stiffness; docs/solvers.md tells how it was measured.
 WEIGHT = 0.2
 
 
@@ -33,17 +31,15 @@ def modes(count: int, periodic: bool) -> tuple[np.ndarray, np.ndarray]:
     Vectors that are even about the middle come first. With the weights ``w`` of the vertices (1, on borders 1/2)
     ``(q * w[:, None]).T @ q`` is the identity; one step changes mode k as ``2 cos_k`` times itself minus its past.
     """
-    place, order = np.arange(count)[:, None], np.arange(count)
+    place, order, weight = np.arange(count)[:, None], np.arange(count), np.ones((count, 1))
     if periodic:
         even, odd = np.arange((count + 1) // 2), np.arange(1, count // 2 + 1)
         angle = 2 * np.pi / count * np.concatenate([even, odd])
         phase = (place + 0.5) * angle
         q = np.concatenate([np.cos(phase[:, : len(even)]), np.sin(phase[:, len(even) :])], 1)
-        weight = np.ones((count, 1))
     else:
         angle = np.pi / (count - 1) * np.concatenate([order[0::2], order[1::2]])
         q = np.cos(place * angle)
-        weight = np.ones((count, 1))
         weight[[0, -1]] = 0.5
     return q / np.sqrt((weight * q * q).sum(0)), np.cos(angle)
 
@@ -82,11 +78,8 @@ class AdmmSolver(Solver):
     ``z = argmin U(z) + w^2 |z - y|^2 / 2``, ``u <- y - z``, and then solves
     ``(M / h^2 + D^T W^2 D) x = M x~ / h^2 + D^T W^2 (z - u)`` with handles where the frame's cubic has them.
 
-    - The spring's ``z = (k L y^ + w^2 y) / (k + w^2)`` with ``w^2 = 0.2 k``. The start is ``z = D x_t``, ``u = 0`` and
-      for x the prediction ``x~``, as in Overby's program.
-    - A dashpot ``c`` adds ``c (|d| - |d_t|)^2 / (2 h)``; bending is linear and lies in the matrix.
-    - The global step is solved by fast diagonalisation (``modes``), for the correction of x; held vertices by
-      their capacitance matrix, bending at free borders by keeping its residual true.
+    - The spring's ``z = (k L y^ + w^2 y) / (k + w^2)`` with ``w^2 = 0.2 k``. The start is ``z = D x_t``, ``u = 0``,
+      and for x the prediction ``x~``. A dashpot ``c`` adds ``c (|d| - |d_t|)^2 / (2 h)``; bending lies in the matrix.
     - Wind on a facet is weakened to what it can do in a step, ``1 / (1 + a |u| h)``.
     - Bodies act by forces with Coulomb friction, detected again in each iteration; a last projection takes
       every vertex out of them.

@@ -102,19 +102,16 @@ class ExplicitSolver(Solver):
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         for i, m in zip(which, materials, strict=True):
             self._felt[i] = kernel_material(self.scene, m)
-            self.substeps[i] = self._count(m)
-
-    def _count(self, material: Material) -> int:
-        least = int(np.ceil(self.scene.frame_dt / stable_step(self.scene, material)))
-        count = least * self._refine if self._wanted is None else self._wanted
-        if count < least:
-            raise ValueError(f"substeps={count} is unstable for this grid and material; use at least {least}")
-        if count > MAX_SUBSTEPS:
-            raise ValueError(
-                f"this material needs {count} substeps a frame, the limit is {MAX_SUBSTEPS}: lower its stiffness or "
-                "damping, raise its areal_density, or use a coarser resolution"
-            )
-        return count
+            least = int(np.ceil(self.scene.frame_dt / stable_step(self.scene, m)))
+            count = least * self._refine if self._wanted is None else self._wanted
+            if count < least:
+                raise ValueError(f"substeps={count} is unstable for this grid and material; use at least {least}")
+            if count > MAX_SUBSTEPS:
+                raise ValueError(
+                    f"this material needs {count} substeps a frame, the limit is {MAX_SUBSTEPS}: lower its stiffness "
+                    "or damping, raise its areal_density, or use a coarser resolution"
+                )
+            self.substeps[i] = count
 
     def step(self, old: State, new: State, controls: Controls) -> None:
         self._kernel.advance(old, new, controls, self._felt, self.substeps, self.threads)

@@ -69,11 +69,7 @@ def mass_spring_cell(scene: Scene) -> Cell:
 
 
 def steps_a_frame(scene: Scene) -> int:
-    """How many steps of ``sim_dt`` a frame has.
-
-    Raises:
-        ValueError: it is no whole number.
-    """
+    """How many steps of ``sim_dt`` a frame has. Raises ValueError: it is no whole number."""
     count = scene.frame_dt / net_of(scene).sim_dt
     if abs(count - round(count)) > 1e-9 * count or round(count) < 1:
         raise ValueError(f"a frame of {scene.frame_dt:g} s has no whole number of steps of {net_of(scene).sim_dt:g} s")
