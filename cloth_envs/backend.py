@@ -55,12 +55,8 @@ class Backend(Protocol):
         ...
 
 
-class BackendFactory(Protocol):
-    """What makes a backend: a class or function ``(scene, *, num_envs, **options)``."""
-
-    def __call__(self, scene: Scene, *args: Any, **options: Any) -> Backend:
-        """A backend for a batch of ``num_envs`` cloths of ``scene``; its other options have names and defaults."""
-        ...
+# What makes a backend: a class or function ``(scene, *, num_envs, **options)``, whose other options have defaults.
+BackendFactory = Callable[..., Backend]
 
 
 def keywords(factory: Callable[..., Any]) -> list[str]:
@@ -84,11 +80,7 @@ def check_keywords(factory: Callable[..., Any], given: Mapping[str, Any], whose:
 
 
 def read_object(text: str, what: str) -> dict[str, Any]:
-    """A JSON object.
-
-    Raises:
-        ValueError: not JSON, or not an object.
-    """
+    """A JSON object. Raises ValueError: not JSON, or not an object."""
     try:
         value = json.loads(text)
     except json.JSONDecodeError as error:

@@ -11,7 +11,7 @@ from cloth_envs.naming import unknown_name
 from cloth_envs.scene import Scene
 from cloth_envs.scenes.task import Task
 from cloth_envs.state import State
-from cloth_envs.world import World
+from cloth_envs.world import World, member
 
 if TYPE_CHECKING:
     from cloth_envs.rendering import Renderer
@@ -102,8 +102,7 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         return self._observation(), float(rewards[0]), reasons[0] is not None, False, info
 
     def _observation(self) -> Any:
-        batch = self.world.observe()
-        return {name: part[0] for name, part in batch.items()} if isinstance(batch, dict) else batch[0]
+        return member(self.world.observe(), 0)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that decides the future, as arrays: save with ``numpy.savez(file, **state)``."""

@@ -1,8 +1,11 @@
-"""Optional packages: the line that installs them, for the errors of whoever needs one."""
+"""What may be missing: optional packages, by the line that installs them, and ``training``, which no wheel holds."""
 
 from __future__ import annotations
 
+import sys
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 CHECKOUT = Path(__file__).resolve().parents[1]  # where this package lies in a checkout; site-packages elsewhere
 
@@ -18,3 +21,22 @@ def install(extra: str) -> str:
     The package is on no index: a checkout is installed again; an installed wheel satisfies pip, which adds the extra's.
     """
     return f'pip install -e ".[{extra}]" in {CHECKOUT}' if in_checkout() else f'pip install "minicloth[{extra}]"'
+
+
+def load(name: str) -> Any:
+    """What ``"module:attribute"`` of ``training`` names. Raises ImportError: no checkout here, or another training."""
+    module, attribute = name.split(":")
+    if not in_checkout():
+        raise ImportError(
+            "this command needs a checkout, since the folder training/ is not part of the installed package: "
+            'git clone the repository of MiniCloth and run pip install -e ".[train]" in it'
+        )
+    if str(CHECKOUT) not in sys.path:
+        sys.path.insert(0, str(CHECKOUT))
+    found = import_module("training").__file__
+    if found != str(CHECKOUT / "training" / "__init__.py"):
+        raise ImportError(
+            f"another package is called training ({found}) and was imported before the one of {CHECKOUT}: "
+            f"start minicloth in {CHECKOUT}, or take the other out of PYTHONPATH"
+        )
+    return getattr(import_module(module), attribute)

@@ -15,12 +15,7 @@ def cannot_write(path: Path, error: OSError) -> OSError:
 
 
 def check_file(path: str | Path, *, suffixes: Sequence[str] = ()) -> Path:
-    """A file that can be written (an existing one stays as it is).
-
-    Raises:
-        ValueError: another suffix than ``suffixes``.
-        OSError: it can't be written.
-    """
+    """A file that can be written (an existing one stays). Raises ValueError: another suffix, OSError: it can't be."""
     path = Path(path)
     if suffixes and path.suffix.lower() not in suffixes:
         raise ValueError(f"{path} must end in {' or '.join(suffixes)}")
@@ -36,11 +31,7 @@ def check_file(path: str | Path, *, suffixes: Sequence[str] = ()) -> Path:
 
 
 def check_folder(path: str | Path) -> Path:
-    """A folder that can be written, made if need be.
-
-    Raises:
-        OSError: it can't be made or written.
-    """
+    """A folder that can be written, made if need be. Raises OSError: it can't be made or written."""
     path = Path(path)
     try:
         path.mkdir(parents=True, exist_ok=True)

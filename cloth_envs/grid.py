@@ -79,6 +79,12 @@ class Grid:
         return (row % self.rows) * self.cols + col % self.cols
 
     @cached_property
+    def border(self) -> np.ndarray:
+        """Vertex numbers around the border, from the upper left corner along the first row."""
+        index = np.arange(self.vertices).reshape(self.shape)
+        return np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
+
+    @cached_property
     def areas(self) -> np.ndarray:
         """Lumped area of every vertex, ``(rows, cols)`` [m^2]: halved on edges, quartered on corners."""
         row = np.ones(self.rows)
@@ -129,11 +135,7 @@ def coarser(resolution: tuple[int, int], factor: float) -> tuple[int, int]:
 
 
 def check_resolution(resolution: Sequence[int] | None, default: tuple[int, int]) -> tuple[int, int]:
-    """``(rows, cols)``, ``default`` for None.
-
-    Raises:
-        ValueError: anything but two whole numbers.
-    """
+    """``(rows, cols)``, ``default`` for None. Raises ValueError: anything but two whole numbers."""
     if resolution is None:
         return default
     shape = tuple(resolution) if isinstance(resolution, Sequence) else ()

@@ -25,14 +25,7 @@ SCENES: dict[str, str] = {
 }
 
 # Frames of an episode, kept here so that registering with Gymnasium imports no scene.
-EPISODE_FRAMES: dict[str, int] = {
-    "Curtain": 200,
-    "Flag": 200,
-    "Collision": 200,
-    "Pressure": 250,
-    "Hanging": 250,
-    "BallDrop": 200,
-}
+EPISODE_FRAMES: dict[str, int] = {name: 250 if name in ("Pressure", "Hanging") else 200 for name in SCENES}
 
 # preset -> scene -> "module:Task class", resolved on use; see cloth_envs.presets.
 PRESETS: dict[str, dict[str, str]] = {
@@ -65,11 +58,7 @@ def env_id(scene: str) -> str:
 
 
 def load_task(name: str) -> type[Task]:
-    """The Task class of a scene.
-
-    Raises:
-        ValueError: unknown scene; the nearest match is named.
-    """
+    """The Task class of a scene. Raises ValueError: unknown scene; the nearest match is named."""
     if not isinstance(name, str) or name not in SCENES:
         raise unknown_name("scene", name, SCENES)
     task: type[Task] = resolve(SCENES[name])

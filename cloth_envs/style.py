@@ -15,11 +15,7 @@ INK, GRID = "#2b3640", "#dfe4e8"
 
 
 def import_figure() -> Any:
-    """Matplotlib's ``Figure``, drawing to files only.
-
-    Raises:
-        ImportError: missing; says what to install.
-    """
+    """Matplotlib's ``Figure``, drawing to files only. Raises ImportError: missing; says what to install."""
     try:
         from matplotlib.figure import Figure
     except ImportError as error:

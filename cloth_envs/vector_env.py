@@ -15,7 +15,7 @@ from cloth_envs.naming import unknown_name
 from cloth_envs.registry import load_backend
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
-from cloth_envs.world import World
+from cloth_envs.world import World, member
 
 _MODES = {mode.value: mode for mode in AutoresetMode}
 
@@ -71,7 +71,6 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         self.single_action_space = self.world.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._rngs: list[np.random.Generator | None] = [None] * num_envs
         self._ended = np.zeros(num_envs, bool)
 
     @property
@@ -104,13 +103,13 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             if mask.shape != (n,) or mask.dtype != bool or not mask.any():
                 raise ValueError(f"reset_mask must be a bool array of shape ({n},) that picks at least one environment")
         for i in np.flatnonzero(mask):
-            if seeds[i] is not None or self._rngs[i] is None:
-                self._rngs[i], _ = seeding.np_random(seeds[i])
+            if seeds[i] is not None or self.world.rngs[i] is None:
+                self.world.rngs[i], _ = seeding.np_random(seeds[i])
         self._start(np.flatnonzero(mask))
         return self.world.observe(), {}
 
     def _start(self, which: np.ndarray) -> None:
-        rngs = {int(i): rng for i in which if (rng := self._rngs[i]) is not None}
+        rngs = {int(i): rng for i in which if (rng := self.world.rngs[i]) is not None}
         self.world.reset(rngs)
         self._ended[which] = False
 
@@ -139,7 +138,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
             finals = np.full(n, None, dtype=object)
             for i in np.flatnonzero(ended):
-                finals[i] = _member(observations, int(i))
+                finals[i] = member(observations, int(i))
             infos = {"final_obs": finals, "_final_obs": ended, "final_info": infos, "_final_info": ended.copy()}
             self._start(np.flatnonzero(ended))
             observations = world.observe()
@@ -156,11 +155,4 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             ValueError: the state belongs to another scene, resolution or number of environments.
         """
         self.world.set_state(state)
-        self._rngs = list(self.world.rngs)
         self._ended = np.asarray(state["ended"]).copy()
-
-
-def _member(observations: Any, i: int) -> Any:
-    if isinstance(observations, dict):
-        return {name: part[i].copy() for name, part in observations.items()}
-    return observations[i].copy()

@@ -73,36 +73,31 @@ class World:
         self.rngs: list[np.random.Generator | None] = [None] * num_envs
         self.materials = [base] * num_envs
         self.frames = np.zeros(num_envs, np.int64)
-        self.episode: Episode | None = None
+        self._episode: Episode | None = None
         self.controls: Controls | None = None
 
-        bound = np.concatenate(
-            [
-                np.full(3 * len(self.task.keypoints), POSITION_BOUND),
-                np.full(3 * len(self.task.keypoints), VELOCITY_BOUND),
-                np.full(len(self.task.extras), self.task.extras_bound),
-            ]
-        ).astype(np.float32)
+        n, k = len(self.task.keypoints), len(self.task.extras)
+        bounds = [POSITION_BOUND, VELOCITY_BOUND, self.task.extras_bound]
+        bound = np.repeat(np.array(bounds, np.float32), [3 * n, 3 * n, k])
         self._bound = bound
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.task.actions),), np.float32)
         self.observation_space: spaces.Space[Any]
         if obs == "keypoints":
             self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
         else:
-            limit = np.repeat(np.array([POSITION_BOUND, VELOCITY_BOUND], np.float32), 3)
+            limit = np.repeat(np.array(bounds[:2], np.float32), 3)
             mesh = np.broadcast_to(limit[:, None, None], (6, *self.scene.grid.shape))
-            extras = bound[-len(self.task.extras) :]
-            self.observation_space = spaces.Dict(
-                {
-                    "mesh": spaces.Box(-mesh, mesh, dtype=np.float32),
-                    "task": spaces.Box(-extras, extras, dtype=np.float32),
-                }
-            )
+            limits = {"mesh": mesh, "task": bound[-k:]}
+            self.observation_space = spaces.Dict({n: spaces.Box(-b, b, dtype=np.float32) for n, b in limits.items()})
+
+    @property
+    def episode(self) -> Episode:
+        if self._episode is None:
+            raise RuntimeError("there is no cloth yet: call reset() first")
+        return self._episode
 
     @property
     def state(self) -> State:
-        if self.episode is None:
-            raise RuntimeError("there is no cloth yet: call reset() first")
         return self.episode.state
 
     def reset(self, rngs: Mapping[int, np.random.Generator]) -> None:
@@ -125,11 +120,11 @@ class World:
 
     def _place(self, which: Sequence[int], state: State, memory: dict[str, np.ndarray]) -> None:
         materials = [self.materials[i] for i in which]
-        if self.episode is None:
+        if self._episode is None:
             if len(which) < self.num_envs:
                 raise RuntimeError("the first reset must start every environment")
             self.backend.reset(state, materials)
-            self.episode = Episode(self.backend.state, memory, np.zeros((self.num_envs, len(self.task.actions))))
+            self._episode = Episode(self.backend.state, memory, np.zeros((self.num_envs, len(self.task.actions))))
             return
         self.backend.reset(state, materials, which)
         self.episode.state = self.backend.state
@@ -137,11 +132,7 @@ class World:
             self.episode.memory[name][which] = values
 
     def set_positions(self, positions: np.ndarray, velocities: np.ndarray | None = None, which: int = 0) -> None:
-        """Place one cloth, ``(3, H, W)`` [m] and [m/s]; goals, bodies and time stay.
-
-        Raises:
-            ValueError: wrong shape or values that are not finite; the state is unchanged.
-        """
+        """See ``ClothEnv.set_positions``; ``which`` is the member."""
         state = self.state.select([which])
         parts = {"positions": positions, "velocities": np.zeros_like(positions) if velocities is None else velocities}
         for name, value in parts.items():
@@ -159,8 +150,7 @@ class World:
         Raises:
             ValueError: actions of the wrong shape or not finite; nothing has moved then.
         """
-        before = self.state
-        assert self.episode is not None
+        episode, before = self.episode, self.state
         actions = np.asarray(actions, np.float64)
         expected = (self.num_envs, len(self.task.actions))
         if actions.shape != expected:
@@ -170,7 +160,6 @@ class World:
         clipped = clip_actions(actions)
         if clipped is None:
             raise ValueError("action holds NaN or infinity; the state is unchanged, pass numbers in [-1, 1]")
-        episode = self.episode
         episode.action = clipped
         self.controls = self.task.controls(episode)
         episode.state = self.backend.advance(self.controls)
@@ -190,7 +179,6 @@ class World:
     def observe(self) -> Any:
         """Observations of the batch, freshly allocated, in ``observation_space`` with a leading axis."""
         state, episode = self.state, self.episode
-        assert episode is not None
         extras = self.task.observe(episode)
         if self.obs == "mesh":
             mesh = np.concatenate([state.positions, state.velocities], 1)
@@ -204,9 +192,8 @@ class World:
         return out
 
     def get_state(self) -> dict[str, np.ndarray]:
-        """Everything that decides the future, as arrays: save with ``numpy.savez(file, **state)``."""
+        """See ``ClothEnv.get_state``."""
         state, episode = self.state, self.episode
-        assert episode is not None
         saved = {f"state.{name}": value.copy() for name, value in state.arrays().items()}
         saved |= {f"memory.{name}": value.copy() for name, value in episode.memory.items()}
         saved |= {f"backend.{name}": value.copy() for name, value in self.backend.memory.items()}
@@ -246,3 +233,8 @@ class World:
         own = {name: parts.get(f"backend.{name}") for name in self.backend.memory}
         if all(a is not None and a.shape == self.backend.memory[name].shape for name, a in own.items()):
             self.backend.recall({name: a for name, a in own.items() if a is not None})
+
+
+def member(observations: Any, i: int) -> Any:
+    """What one environment of the batch observes."""
+    return {name: part[i] for name, part in observations.items()} if isinstance(observations, dict) else observations[i]

@@ -10,7 +10,7 @@ import torch
 
 from cloth_envs.grid import Grid
 from cloth_envs.particles import Particles
-from cloth_envs.physics import laws
+from cloth_envs.physics.laws.air import wind_forces
 from cloth_envs.registry import make_backend
 from cloth_envs.scene import Scene, Wind
 from cloth_envs.state import Controls, State
@@ -36,7 +36,7 @@ def wind() -> None:
     blowing = replace(World("Flag").scene, grid=GRID, wind=Wind())
 
     def force(x: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
-        up = laws.wind_forces(blowing, x.numpy(), v.numpy(), np.array([[0.0, 0.0, 2.0]]))
+        up = wind_forces(blowing, x.numpy(), v.numpy(), np.array([[0.0, 0.0, 2.0]]))
         return torch.as_tensor(up, dtype=x.dtype)
 
     heights = [run(plugged, tuple(range(24))).positions[0, 2, -1].mean() for plugged in ([], [force])]

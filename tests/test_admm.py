@@ -13,11 +13,11 @@ from scipy.optimize import minimize
 import cloth_envs  # noqa: F401
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics import laws
-from cloth_envs.physics.admm.modes import eigenvalues, modes
-from cloth_envs.physics.admm.solver import WEIGHT, AdmmSolver
+from cloth_envs.physics.admm.solver import WEIGHT, AdmmSolver, eigenvalues, modes
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.implicit.prefactored import bending_matrix, spring_laplacian
+from cloth_envs.physics.laws.air import pressure_forces
+from cloth_envs.physics.laws.sheet import kinetic_energy
 from cloth_envs.physics.laws.stencil import edges, triples
 from cloth_envs.physics.solver import Solver
 from cloth_envs.scene import Collider, Scene, Wind
@@ -73,7 +73,7 @@ def prediction(scene: Scene, state: State, controls: Controls, h: float) -> np.n
     m = scene.material
     decay = np.exp(-m.drag * h)
     lag = (1 - decay) / m.drag if m.drag else h
-    acceleration = laws.pressure_forces(scene.grid, state.positions, controls.pressure * scene.pressure)
+    acceleration = pressure_forces(scene.grid, state.positions, controls.pressure * scene.pressure)
     acceleration = acceleration / scene.mass - scene.gravity * np.array([0, 0, 1.0])[:, None, None]
     return (state.positions + h * decay * state.velocities + h * lag * acceleration)[0].reshape(3, -1)
 
@@ -92,7 +92,7 @@ def twin(scene: Scene, state: State, controls: Controls, iterations: int) -> np.
     """Positions ``(3, n)`` after one P-ADMM step, one line for one formula."""
     grid, h, held = scene.grid, scene.frame_dt, list(scene.handles)
     goal, start = prediction(scene, state, controls, h), state.positions[0].reshape(3, -1)
-    a = matrix(grid, eigenvalues(grid, scene.material, h, WEIGHT))
+    a = matrix(grid, eigenvalues(grid, scene.material, h))
     free = np.setdiff1d(np.arange(grid.vertices), held)
     all_springs = springs(scene, start, h)
     duals = [np.zeros((3, len(first))) for first, *_ in all_springs]
@@ -139,9 +139,9 @@ def test_the_modes_give_the_matrix_of_springs_and_bound_bending(grid: Grid) -> N
     limp, h = CLOTH.with_changes(bend_stiffness=0, damping=0), 0.03
     springs_alone = (WEIGHT * spring_laplacian(grid, limp)).toarray()
     springs_alone += np.diag(grid.areas.ravel() * limp.areal_density / h**2)
-    got = matrix(grid, eigenvalues(grid, limp, h, WEIGHT))
+    got = matrix(grid, eigenvalues(grid, limp, h))
     np.testing.assert_allclose(got, springs_alone, atol=1e-12 * abs(springs_alone).max())
-    more = matrix(grid, eigenvalues(grid, CLOTH.with_changes(damping=0), h, WEIGHT)) - got
+    more = matrix(grid, eigenvalues(grid, CLOTH.with_changes(damping=0), h)) - got
     gap = np.linalg.eigvalsh(more - bending_matrix(grid, CLOTH).toarray())
     assert gap[0] > -1e-10 * np.linalg.norm(more)  # never below the true matrix
 
@@ -269,7 +269,7 @@ def test_nothing_blows_up_over_the_whole_range() -> None:
         most = 0.0
         for _ in range(40):
             end = solver.advance(controls)
-            most = max(most, float(laws.kinetic_energy(grid, [material], end.velocities)[0]))
+            most = max(most, float(kinetic_energy(grid, [material], end.velocities)[0]))
         # Weight and wind can't give more: a fall over the flag's length, and the wind's own speed.
         heaviest = material.areal_density * 1.5
         assert most < heaviest * (G * 1.5 + 21 * wind**2 / 2), (stiffness, mass, frame, wind)

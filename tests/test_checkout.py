@@ -10,7 +10,6 @@ from types import ModuleType
 import pytest
 
 from cloth_envs import extras
-from cloth_envs.commands import checkout
 from cloth_envs.commands.cli import main
 
 COMMANDS = [["bench", "throughput"], ["train", "local"], ["generate", "Flag"], ["report", "--out", "a.html"]]
@@ -30,7 +29,7 @@ def test_training_is_found_beside_the_package(tmp_path: Path) -> None:
 def test_without_a_checkout_the_remedy_is_named(
     argv: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(checkout, "in_checkout", lambda: False)
+    monkeypatch.setattr(extras, "in_checkout", lambda: False)
     assert main(argv) == 2
     assert "needs a checkout" in capsys.readouterr().err
 

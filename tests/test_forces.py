@@ -9,7 +9,16 @@ import pytest
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics import laws
+from cloth_envs.physics.laws.air import pressure_energy, pressure_forces, wind_forces
+from cloth_envs.physics.laws.sheet import (
+    bend_energy,
+    bend_forces,
+    damper_forces,
+    gravity_energy,
+    gravity_forces,
+    spring_energy,
+    spring_forces,
+)
 from cloth_envs.physics.laws.stencil import edges
 from cloth_envs.scene import Scene, Wind
 
@@ -28,17 +37,17 @@ PRESSURE = np.array([3.0, -7.0])
 Energy = Callable[[Grid, np.ndarray], np.ndarray]
 TERMS: dict[str, tuple[Energy, Energy]] = {
     "springs": (
-        lambda g, x: laws.spring_forces(g, SHEETS, x),
-        lambda g, x: laws.spring_energy(g, SHEETS, x),
+        lambda g, x: spring_forces(g, SHEETS, x),
+        lambda g, x: spring_energy(g, SHEETS, x),
     ),
-    "bending": (lambda g, x: laws.bend_forces(g, SHEETS, x), lambda g, x: laws.bend_energy(g, SHEETS, x)),
+    "bending": (lambda g, x: bend_forces(g, SHEETS, x), lambda g, x: bend_energy(g, SHEETS, x)),
     "gravity": (
-        lambda g, x: laws.gravity_forces(g, SHEETS, x, 9.81),
-        lambda g, x: laws.gravity_energy(g, SHEETS, x, 9.81),
+        lambda g, x: gravity_forces(g, SHEETS, x, 9.81),
+        lambda g, x: gravity_energy(g, SHEETS, x, 9.81),
     ),
     "pressure": (
-        lambda g, x: laws.pressure_forces(g, x, PRESSURE),
-        lambda g, x: laws.pressure_energy(g, x, PRESSURE),
+        lambda g, x: pressure_forces(g, x, PRESSURE),
+        lambda g, x: pressure_energy(g, x, PRESSURE),
     ),
 }
 
@@ -83,9 +92,9 @@ def test_force_is_the_negative_gradient_of_the_energy(grid: Grid, term: str) -> 
 def test_inner_forces_have_no_sum_and_no_torque(grid: Grid) -> None:
     x, v = crumpled(grid), crumpled(grid, 3)
     for force in (
-        laws.spring_forces(grid, SHEETS, x),
-        laws.damper_forces(grid, SHEETS, x, v),
-        laws.bend_forces(grid, SHEETS, x),
+        spring_forces(grid, SHEETS, x),
+        damper_forces(grid, SHEETS, x, v),
+        bend_forces(grid, SHEETS, x),
     ):
         scale = abs(force).sum() * abs(x).max()
         assert abs(force).max() > 1e-3
@@ -98,15 +107,15 @@ def test_dampers_are_the_gradient_of_half_the_dissipation() -> None:
     x, v, u = crumpled(grid), crumpled(grid, 3), crumpled(grid, 4)
 
     def power(v: np.ndarray) -> np.ndarray:
-        return -(laws.damper_forces(grid, SHEETS, x, v) * v).sum((1, 2, 3))
+        return -(damper_forces(grid, SHEETS, x, v) * v).sum((1, 2, 3))
 
     # The power is quadratic in v, so a central difference over any step is exact.
     slope = (power(v + u) - power(v - u)) / 2
-    work = (laws.damper_forces(grid, SHEETS, x, v) * u).sum((1, 2, 3))
+    work = (damper_forces(grid, SHEETS, x, v) * u).sum((1, 2, 3))
     assert (power(v) > 0).all()
     np.testing.assert_allclose(slope / 2, -work, atol=64 * EPS * power(abs(v) + abs(u)).max())
     turning = np.cross(np.array([0.3, -0.2, 0.5]), x, axisb=1, axisc=1)  # a rigid turn stretches nothing
-    assert abs(laws.damper_forces(grid, SHEETS, x, turning)).max() <= 1e-12 * 500
+    assert abs(damper_forces(grid, SHEETS, x, turning)).max() <= 1e-12 * 500
 
 
 @pytest.mark.parametrize("shape", [(5, 6), (9, 16), (33, 20)])
@@ -118,7 +127,7 @@ def test_energy_of_an_even_strain_is_that_of_the_sheet(shape: tuple[int, int]) -
     for i, j in ((0, 0), (1, 1), (0, 1), (1, 0)):
         gradient = np.eye(3)
         gradient[i, j] += strain
-        energy = laws.spring_energy(grid, [material], np.einsum("ij,bjrc->birc", gradient, rest))[0]
+        energy = spring_energy(grid, [material], np.einsum("ij,bjrc->birc", gradient, rest))[0]
         if i != j:
             expected = material.shear_stiffness * strain**2 / 2 * area
         else:  # a diagonal stretches by strain * cos^2, and two springs G d^2 / (2 a b) share a cell
@@ -137,7 +146,7 @@ def test_bending_a_tube_costs_that_of_a_sheet(cols: int) -> None:
     x = np.zeros((1, 3, 5, cols))
     x[0, 0], x[0, 1] = radius * np.cos(angle), radius * np.sin(angle)
     x[0, 2] = (np.arange(5) * grid.row_spacing)[:, None]
-    energy = laws.bend_energy(grid, [Material(bend_stiffness=1e-3)], x)[0]
+    energy = bend_energy(grid, [Material(bend_stiffness=1e-3)], x)[0]
     # |x_- - 2 x + x_+| = 4 R sin^2(t / 2) for an angle t, against R t^2: relative t^2 / 12, twice in a square.
     expected = 1e-3 / 2 / radius**2 * 0.5 * grid.width
     assert energy == pytest.approx(expected, rel=(2 * np.pi / cols) ** 2 / 6)
@@ -150,14 +159,14 @@ def test_wind_on_a_flat_sheet() -> None:
     x = np.stack([c * grid.col_spacing, -r * grid.row_spacing, 0.0 * r])[None]
     still = np.zeros_like(x)
     for wind in ([0.0, 0, 3], [2.0, 0, 0], [2.0, -1, -3]):
-        force = laws.wind_forces(scene, x, still, np.array([wind])).sum((2, 3))[0]
+        force = wind_forces(scene, x, still, np.array([wind])).sum((2, 3))[0]
         across, along = np.array([0, 0, wind[2]]), np.array([wind[0], wind[1], 0])
         expected = 1.5 * np.linalg.norm(across) * across + 0.1 * np.linalg.norm(along) * along
         np.testing.assert_allclose(force, 1.2 / 2 * 0.6 * 0.8 * expected, atol=1e-14)
         moved = np.reshape(wind, (1, 3, 1, 1)) + still  # only the relative velocity counts
-        same = laws.wind_forces(scene, x, still, np.array([wind]))
-        np.testing.assert_allclose(laws.wind_forces(scene, x, -moved, np.zeros((1, 3))), same, atol=1e-14)
-        np.testing.assert_allclose(laws.wind_forces(scene, x, moved, np.array([wind])), 0, atol=1e-14)
+        same = wind_forces(scene, x, still, np.array([wind]))
+        np.testing.assert_allclose(wind_forces(scene, x, -moved, np.zeros((1, 3))), same, atol=1e-14)
+        np.testing.assert_allclose(wind_forces(scene, x, moved, np.array([wind])), 0, atol=1e-14)
 
 
 def test_still_air_only_takes_energy() -> None:
@@ -165,13 +174,13 @@ def test_still_air_only_takes_energy() -> None:
     scene = Scene("wind", grid, SHEETS[0], 0.02, wind=Wind(normal=0.4, tangential=0.9))
     x, v = crumpled(grid), crumpled(grid, 3)
     # On a triangle f . v_mean <= 0; each corner gets a third, so the sum over corners is the same.
-    assert ((laws.wind_forces(scene, x, v, np.zeros((2, 3))) * v).sum((1, 2, 3)) < 0).all()
+    assert ((wind_forces(scene, x, v, np.zeros((2, 3))) * v).sum((1, 2, 3)) < 0).all()
 
 
 def test_pressure_pushes_along_the_normal() -> None:
     grid = Grid(4, 5, 0.6, 0.8)
     r, c = np.indices(grid.shape)
     x = np.stack([c * grid.col_spacing, -r * grid.row_spacing, 0.0 * r])[None]
-    force = laws.pressure_forces(grid, x, np.array([7.0]))
+    force = pressure_forces(grid, x, np.array([7.0]))
     np.testing.assert_allclose(force.sum((2, 3))[0], [0, 0, 7.0 * 0.6 * 0.8], atol=1e-14)
     np.testing.assert_allclose(force[0, 2, 1:-1, 1:-1], 7.0 * grid.row_spacing * grid.col_spacing)

@@ -12,9 +12,10 @@ from test_kernel_twin import GRIDS, crumpled
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics import laws
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.implicit.solver import ImplicitSolver
+from cloth_envs.physics.laws.sheet import kinetic_energy, masses, spring_energy
+from cloth_envs.physics.laws.step import total_forces
 from cloth_envs.physics.solver import kernel_material, kernel_sheet
 from cloth_envs.registry import SCENES
 from cloth_envs.scene import Collider, Scene, Wind
@@ -73,8 +74,8 @@ def test_the_gradient_is_the_twins_forces(grid: Grid) -> None:
     gradient = np.empty(x.size)
     f.potential(x - f.tau * v, x).evaluate(x.ravel(), gradient)
     still = Scene("still", grid, SOFT, 0.04, wind=f.wind, pressure=True, gravity=0.0)
-    force = laws.total_forces(still, [SOFT], f.state, f.blow[None], np.array([f.pressure]))
-    expected = laws.masses(grid, [SOFT]) * f.inertia * (x - f.target) - force
+    force = total_forces(still, [SOFT], f.state, f.blow[None], np.array([f.pressure]))
+    expected = masses(grid, [SOFT]) * f.inertia * (x - f.target) - force
     np.testing.assert_allclose(gradient.reshape(x.shape), expected, atol=1e-12 * abs(expected).max())
 
 
@@ -106,7 +107,7 @@ def test_the_residual_of_the_step_is_what_it_says(tolerance: float) -> None:
     decay = np.exp(-drag * h)
     push = (1 - decay) / (drag * h)
     momentum = scene.mass * (now.velocities - decay * state.velocities) / (push * h)
-    unbalanced = momentum - laws.total_forces(scene, [cloth], now, np.zeros((1, 3)), np.zeros(1))
+    unbalanced = momentum - total_forces(scene, [cloth], now, np.zeros((1, 3)), np.zeros(1))
     ratio = (np.sqrt((unbalanced**2).sum(1))[0] / scene.mass / G).ravel()
     ratio[list(scene.handles)] = 0
     rounding = 16 * cloth.stretch_stiffness * np.finfo(float).eps / (scene.mass.min() * G)
@@ -206,11 +207,11 @@ def test_a_stretched_cloth_gains_no_energy_however_long_the_step() -> None:
         scene = Scene("free", grid, CLOTH.with_changes(damping=0.0), frame_dt, gravity=0.0)
         state = crumpled(grid, 1)
         solver = ImplicitSolver(scene, dtype="float64", tolerance=1e-6)
-        stored = laws.spring_energy(grid, [scene.material], state.positions)
-        before = stored + laws.kinetic_energy(grid, [scene.material], state.velocities)
+        stored = spring_energy(grid, [scene.material], state.positions)
+        before = stored + kinetic_energy(grid, [scene.material], state.velocities)
         now = roll(solver, state, Controls.hold(state, ()), 3)
-        after = laws.spring_energy(grid, [scene.material], now.positions)
-        assert after + laws.kinetic_energy(grid, [scene.material], now.velocities) <= before
+        after = spring_energy(grid, [scene.material], now.positions)
+        assert after + kinetic_energy(grid, [scene.material], now.velocities) <= before
         # Springs push both ends alike: momentum changes by no more than the residual, tolerance m g t.
         drift = (scene.mass * (now.velocities - state.velocities)).sum((2, 3))
         assert abs(drift).max() <= 1e-6 * scene.mass.sum() * G * 3 * frame_dt

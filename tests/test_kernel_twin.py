@@ -9,8 +9,8 @@ import pytest
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics import laws
 from cloth_envs.physics.explicit.solver import ExplicitSolver
+from cloth_envs.physics.laws.step import step
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
 
@@ -108,7 +108,7 @@ def compare(scene: Scene, state: State, materials: list[Material], dtype: str, t
     state = state.astype(dtype)
     controls = controls_for(scene, state)
     got = backend.advance(controls)
-    want = laws.step(scene, state, controls, backend.substeps, materials)
+    want = step(scene, state, controls, backend.substeps, materials)
     for name in ("positions", "velocities"):
         change = getattr(want, name) - getattr(state, name)
         error = abs(getattr(got, name) - getattr(want, name)).max()
@@ -137,7 +137,7 @@ def test_one_substep_of_contact(kind: str, friction: float) -> None:
     scene = Scene("contact", GRIDS["tall"], NOTHING, 2e-3, colliders=bodies)
     state = with_bodies(crumpled(scene.grid, 2), bodies)
     want = compare(scene, state, [NOTHING] * 2, "float64", 1e-12)
-    flying = laws.step(replace(scene, colliders=()), without_bodies(state), controls_for(scene, state), 1)
+    flying = step(replace(scene, colliders=()), without_bodies(state), controls_for(scene, state), 1)
     assert 0.01 < (abs(want.velocities - flying.velocities).max(1) > 0).mean() < 0.9  # some touch, some do not
 
 
@@ -154,7 +154,7 @@ def test_a_frame_of_everything(grid: Grid, dtype: str) -> None:
     # Ten substeps at most; each can amplify a rounding a few times where crumpled edges are short.
     want = compare(scene, state, SHEETS, dtype, 1e4 * float(np.finfo(dtype).eps))
     assert np.isfinite(want.positions).all()
-    bare = laws.step(replace(scene, colliders=()), without_bodies(state), without_bodies(controls), 10, SHEETS)
+    bare = step(replace(scene, colliders=()), without_bodies(state), without_bodies(controls), 10, SHEETS)
     assert abs(bare.positions - want.positions).max() > 1e-3  # the bodies do touch
 
 

@@ -212,7 +212,8 @@ def test_pictures_hold_the_whole_cloth(scene: str, preset: str) -> None:
     aspect = 4 / 3
     towards = framing.direction(world.scene, world.state)
     corners = np.array(np.meshgrid(*framing.reach(world.scene, world.state).T)).reshape(3, -1).T
-    position, _, up = framing.fit(corners, towards, aspect)
+    camera = framing.fit(corners, towards, aspect)
+    position, up = np.array(camera.position), np.array(camera.up)
     axes = np.stack([np.cross(up, towards), up, towards])
     half = np.tan(np.deg2rad(framing.VIEW_ANGLE / 2))
     for _ in range(60):

@@ -196,7 +196,8 @@ def test_the_camera_follows_handles_that_move_far():
 def test_the_camera_just_holds_what_it_must():
     points = np.random.default_rng(0).normal(size=(50, 3))
     towards = np.array([0.3, -0.8, 0.4]) / np.linalg.norm([0.3, -0.8, 0.4])
-    position, focal, up = framing.fit(points, towards, 1.5)
+    camera = framing.fit(points, towards, 1.5)
+    position, focal, up = map(np.array, (camera.position, camera.focal_point, camera.up))
     right = np.cross(up, towards)
     away = (position - points) @ towards
     half = np.tan(np.deg2rad(framing.VIEW_ANGLE / 2)) * framing.FILL

@@ -10,8 +10,9 @@ import torch
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics import laws
+from cloth_envs.physics.laws.air import pressure_forces, wind_forces
 from cloth_envs.physics.laws.bodies import resolve_body
+from cloth_envs.physics.laws.step import total_forces
 from cloth_envs.registry import SCENES, make_backend
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
@@ -47,12 +48,12 @@ def test_forces_are_the_references() -> None:
     cell = SheetCell(SCENE, dtype=torch.float64)
     got = cell(x, v, properties(SCENE, MATERIALS, x)).detach().numpy()
     bare = replace(SCENE, wind=None, pressure=False)
-    want = laws.total_forces(bare, MATERIALS, state, np.zeros((2, 3)), np.zeros(2))
+    want = total_forces(bare, MATERIALS, state, np.zeros((2, 3)), np.zeros(2))
     assert abs(got - want).max() < 64 * EPS * abs(want).max()
     wind, pressure = np.array([[3.0, -2.0, 1.0], [0.0, 6.0, -1.0]]), np.array([30.0, -8.0])
     got = air_forces(SCENE, x, v, torch.from_numpy(wind), torch.from_numpy(pressure)).numpy()
-    want = laws.wind_forces(SCENE, state.positions, state.velocities, wind)
-    want = want + laws.pressure_forces(SCENE.grid, state.positions, pressure)
+    want = wind_forces(SCENE, state.positions, state.velocities, wind)
+    want = want + pressure_forces(SCENE.grid, state.positions, pressure)
     assert abs(got - want).max() < 64 * EPS * abs(want).max()
 
 

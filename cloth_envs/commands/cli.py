@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from cloth_envs.commands.checkout import load
 from cloth_envs.commands.parser import parser
+from cloth_envs.extras import load
 from cloth_envs.naming import unknown_name
 
 
@@ -26,45 +26,23 @@ def _rollout(given: argparse.Namespace) -> str:
     from cloth_envs.commands.rollout import rollout
 
     backend, options = parse_backend(given.backend)
-    return rollout(
-        given.scene,
-        frames=given.frames,
-        seed=given.seed,
-        policy=given.policy,
-        backend=backend,
-        backend_kwargs=options,
-        material=_named(given.material, "--material"),
-        resolution=None if given.resolution is None else read_resolution(given.resolution),
-        preset=_named(given.preset, "--preset"),
-        video=given.video,
-        images=given.images,
-        hdf5=given.hdf5,
-        strain=given.strain,
-        overwrite=given.overwrite,
-    )
+    own = {"backend": backend, "backend_kwargs": options, "preset": _named(given.preset, "--preset")}
+    if given.resolution is not None:
+        own["resolution"] = read_resolution(given.resolution)
+    return rollout(**_options(given) | own)
 
 
 def _render(given: argparse.Namespace) -> str:
     from cloth_envs.commands.rollout import render
 
-    return render(given.file, trajectory=given.trajectory, video=given.video, images=given.images, strain=given.strain)
+    return render(**_options(given))
 
 
 def _compare(given: argparse.Namespace) -> str:
     from cloth_envs.commands.compare import compare_scene
 
-    return compare_scene(
-        given.scene,
-        backends=given.backend,
-        resolutions=_names(given.resolutions),
-        frames=given.frames,
-        seed=given.seed,
-        policy=given.policy,
-        material=_named(given.material, "--material"),
-        horizon=given.horizon,
-        out=given.out,
-        video=not given.no_video,
-    )
+    shapes = [shape.strip() for shape in given.resolutions.split(",") if shape.strip()]
+    return compare_scene(**_options(given) | {"resolutions": shapes})
 
 
 def _bench(given: argparse.Namespace) -> NoReturn:
@@ -72,7 +50,10 @@ def _bench(given: argparse.Namespace) -> NoReturn:
 
 
 def _train(given: argparse.Namespace) -> NoReturn:
-    _run("training", load("training:TRAININGS"), given.training, given.options)
+    table = load("training:TRAININGS")
+    if given.training not in table:
+        raise unknown_name("training", given.training, table)
+    sys.exit(load(table[given.training])(given.options))
 
 
 def _generate(given: argparse.Namespace) -> NoReturn:
@@ -85,11 +66,10 @@ def _report(given: argparse.Namespace) -> str:
     return load("training.bench.report.run:write")(data, given.images or images, given.out)
 
 
-def _run(kind: str, table: Mapping[str, str], name: str, options: Sequence[str]) -> NoReturn:
-    """Call ``main(options)`` of the module that ``table`` has for ``name``, and leave with what it returns."""
-    if name not in table:
-        raise unknown_name(kind, name, table)
-    sys.exit(load(table[name])(options))
+def _options(given: argparse.Namespace) -> dict[str, Any]:
+    """What the command was given, by name; its material read."""
+    options = {name: value for name, value in vars(given).items() if name != "run"}
+    return options | ({"material": _named(given.material, "--material")} if "material" in options else {})
 
 
 def _named(text: str | None, option: str) -> Any:
@@ -97,10 +77,6 @@ def _named(text: str | None, option: str) -> Any:
     from cloth_envs.backend import read_object
 
     return read_object(text, option) if text and text.lstrip().startswith("{") else text
-
-
-def _names(text: str) -> list[str]:
-    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 RUNS: dict[str, Callable[[argparse.Namespace], str | None]] = {

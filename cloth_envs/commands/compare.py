@@ -3,35 +3,39 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
+import numpy as np
 from tqdm import tqdm
 
 from cloth_envs.commands import chart, tables
 from cloth_envs.commands.entries import choose_entries
-from cloth_envs.commands.film import film
-from cloth_envs.commands.measure import compare
-from cloth_envs.commands.outputs import import_imageio
+from cloth_envs.commands.measure import Comparison, compare
+from cloth_envs.commands.outputs import fixed_camera, import_imageio, open_video
 from cloth_envs.files import check_folder
 from cloth_envs.policies import open_loop
 from cloth_envs.registry import load_task
-from cloth_envs.rendering.renderer import import_pyvista
+from cloth_envs.rendering import Renderer
+from cloth_envs.rendering.renderer import CAPTION_HEIGHT, import_pyvista
 from cloth_envs.style import import_figure
 
-FRAMES, HORIZON = 120, 10
+VIEW = 480, 480  # pixels of one picture
+ABREAST = 4  # pictures in a row
 
 
 def compare_scene(
     scene: str,
     *,
-    backends: Sequence[str] = (),
-    resolutions: Sequence[str] = (),
-    frames: int = FRAMES,
-    seed: int = 0,
-    policy: str = "smooth",
-    material: str | Mapping[str, float] | None = None,
-    horizon: int = HORIZON,
-    out: str | None = None,
-    video: bool = True,
+    backends: Sequence[str],
+    resolutions: Sequence[str],
+    frames: int,
+    seed: int,
+    policy: str,
+    material: str | Mapping[str, float] | None,
+    horizon: int,
+    out: str | None,
+    video: bool,
 ) -> str:
     """Measure, then film; writes ``compare_<scene>.csv .md .png .svg .mp4`` and returns the table.
 
@@ -47,15 +51,7 @@ def compare_scene(
     if video:
         import_imageio()
         import_pyvista()
-    with tqdm(total=2 + len(chosen), desc="physics", disable=None) as bar:
-
-        def report(stage: str) -> None:
-            bar.set_postfix_str(stage)
-            bar.update()
-
-        result = compare(
-            scene, chosen, actions, seed=seed, material=material, resolution=task.resolution, report=report
-        )
+    result = compare(scene, chosen, actions, seed=seed, material=material, resolution=task.resolution)
     fabric = "" if material is None else f", material {material}"
     setup = f"{scene}, {frames} frames of {task.frame_dt * 1e3:g} ms, seed {seed}, {policy} actions{fabric}"
     stem = folder / f"compare_{scene.lower()}"
@@ -68,3 +64,29 @@ def compare_scene(
         film(result, stem.with_suffix(".mp4"))
     kinds = "csv,md,png,svg" + (",mp4" if video else "")
     return f"{table}\n\n{notes}\nwrote {stem}.{{{kinds}}}"
+
+
+def film(comparison: Comparison, path: Path) -> None:
+    """All free runs side by side, in rows of four, at the simulated speed; a failed run stands still."""
+    results = comparison.results
+    rows = [results[i : i + ABREAST] for i in range(0, len(results), ABREAST)]
+    columns = len(rows[0])
+    camera = fixed_camera(
+        comparison.scene, [r.states for r in results], aspect=VIEW[0] / VIEW[1], below=CAPTION_HEIGHT / VIEW[1]
+    )
+    renderers = []
+    for row in rows:
+        captions = [f"{r.entry.label}\n{r.ms[1]:.2g} ms/frame{', ' + r.failure if r.failure else ''}" for r in row]
+        size: dict[str, Any] = {"width": VIEW[0] * len(row), "height": VIEW[1], "camera": camera}
+        renderers.append(Renderer(comparison.scene, views=len(row), captions=captions, **size))
+    frames = max(len(result.states) for result in results)
+    with open_video(path, 1 / comparison.scene.frame_dt) as stream:
+        for frame in tqdm(range(frames), "video", unit="frame", disable=None):
+            lines = []
+            for row, renderer in zip(rows, renderers, strict=True):
+                line = renderer.draw([result.states[min(frame, len(result.states) - 1)] for result in row])
+                empty = VIEW[0] * columns - line.shape[1]
+                lines.append(np.pad(line, ((0, 0), (0, empty), (0, 0)), constant_values=255))
+            stream.append_data(np.concatenate(lines, 0))
+    for renderer in renderers:
+        renderer.close()

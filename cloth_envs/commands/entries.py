@@ -19,8 +19,6 @@ USUAL: tuple[tuple[str, dict[str, Any]], ...] = (
     ("miniature", {"factor": 2, "scaling": "closure", "upscaler": "local"}),
     ("miniature", {"factor": 4, "scaling": "closure", "upscaler": "local"}),
 )
-# Same mesh and energy as the full resolution, a quarter of its step, in double precision.
-TRUTH_KWARGS = {"dtype": "float64", "refine": 4}
 
 
 @dataclass(frozen=True)
@@ -44,11 +42,7 @@ class Entry:
         return self.backend, *((n, v) for n, v in sorted(self.backend_kwargs.items()) if isinstance(v, str))
 
     def world(self, scene: str, material: Material | str | Mapping[str, float] | None) -> World:
-        """The scene with this entry's physics.
-
-        Raises:
-            ValueError: a bad backend, keyword, resolution or material.
-        """
+        """The scene with this entry's physics. Raises ValueError: a bad backend, keyword, resolution or material."""
         return World(
             scene,
             backend=self.backend,
@@ -70,21 +64,10 @@ def read_resolution(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def read_entries(text: str, shapes: Sequence[tuple[int, int]]) -> list[Entry]:
-    """``NAME[@ROWSxCOLS][=JSON]``, such as ``reference@17x25={"refine": 2}``; without a resolution at all ``shapes``.
-
-    Raises:
-        ValueError, ImportError: another form, or a bad backend.
-    """
-    head, equals, options = text.partition("=")
-    head, _, resolution = head.partition("@")
-    name, given = parse_backend(head + equals + options)
-    load_backend(name)
-    return [Entry(name, shape, given) for shape in ([read_resolution(resolution)] if resolution else shapes)]
-
-
 def choose_entries(scene: str, *, backends: Sequence[str] = (), resolutions: Sequence[str] = ()) -> list[Entry]:
-    """Every one of ``backends``, as ``read_entries`` has them, at every resolution; by default ``USUAL``.
+    """Every one of ``backends``, by default ``USUAL``, at its own resolution or at each of ``resolutions``.
+
+    One is written ``NAME[@ROWSxCOLS][=JSON]``, such as ``reference@17x25={"refine": 2}``.
 
     Raises:
         ValueError, ImportError: an unknown scene, a bad backend, or a resolution in another form.
@@ -93,5 +76,11 @@ def choose_entries(scene: str, *, backends: Sequence[str] = (), resolutions: Seq
     if not backends and not resolutions:
         return [Entry(name, full, options) for name, options in USUAL]
     shapes = [read_resolution(text) for text in resolutions] or [full]
-    chosen = [entry for text in backends or ["reference"] for entry in read_entries(text, shapes)]
+    chosen = []
+    for text in backends or ["reference"]:
+        head, equals, options = text.partition("=")
+        head, _, own = head.partition("@")
+        name, given = parse_backend(head + equals + options)
+        load_backend(name)
+        chosen += [Entry(name, shape, given) for shape in ([read_resolution(own)] if own else shapes)]
     return list({entry.label: entry for entry in chosen}.values())

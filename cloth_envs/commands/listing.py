@@ -51,11 +51,7 @@ def everything() -> str:
 
 
 def scene(name: str) -> str:
-    """What one scene models, and its task.
-
-    Raises:
-        ValueError: an unknown scene; the nearest match is named.
-    """
+    """What one scene models, and its task. Raises ValueError: an unknown scene; the nearest match is named."""
     task = load_task(name)
     world = task.make_scene(resolution=task.resolution, material=task.material)
     parts = [env_id(name), world.describe(), inspect.getdoc(task) or ""]

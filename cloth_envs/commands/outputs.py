@@ -20,11 +20,7 @@ from cloth_envs.state import State
 
 
 def import_imageio() -> ModuleType:
-    """imageio with its ffmpeg.
-
-    Raises:
-        ImportError: missing; says what to install.
-    """
+    """imageio with its ffmpeg. Raises ImportError: missing; says what to install."""
     try:
         import imageio.v2
         import imageio_ffmpeg  # noqa: F401
@@ -101,6 +97,4 @@ def fixed_camera(scene: Scene, runs: Sequence[Sequence[State]], *, aspect: float
                 around = body.radius * np.concatenate([np.eye(3), -np.eye(3)])
                 points += [end + around for end in ends if body.radius]
     towards = framing.direction(scene, runs[0][0])
-    fitted = framing.fit(np.concatenate(points).astype(float), towards, aspect, below)
-    position, focal_point, up = ((float(x), float(y), float(z)) for x, y, z in fitted)
-    return Camera(position, focal_point, up)
+    return framing.fit(np.concatenate(points).astype(float), towards, aspect, below)

@@ -9,23 +9,19 @@ from pathlib import Path
 from cloth_envs.version import __version__
 
 
-def _count(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"must be at least 1, got {value}")
-    return value
+def _at_least(least: int) -> Callable[[str], int]:
+    def number(text: str) -> int:
+        value = int(text)
+        if value < least:
+            raise argparse.ArgumentTypeError(f"must be at least {least}, got {value}")
+        return value
 
-
-def _seed(text: str) -> int:
-    value = int(text)
-    if value < 0:
-        raise argparse.ArgumentTypeError(f"must not be negative, got {value}")
-    return value
+    return number
 
 
 def _episode(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("scene", metavar="SCENE", help="a scene's name, see `minicloth list`")
-    sub.add_argument("--seed", type=_seed, default=0, help="of the start and the actions (default 0)")
+    sub.add_argument("--seed", type=_at_least(0), default=0, help="of the start and the actions (default 0)")
     sub.add_argument("--policy", default="smooth", help="zero, random, smooth (default) or bang-bang")
     sub.add_argument("--material", help="a fabric's name, or JSON such as '{\"areal_density\": 0.3}'")
 
@@ -52,7 +48,7 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> ar
 
     sub = command("rollout", "Simulate one episode; draw it, record it.")
     _episode(sub)
-    sub.add_argument("--frames", type=_count, help="default: the scene's episode")
+    sub.add_argument("--frames", type=_at_least(1), help="default: the scene's episode")
     sub.add_argument(
         "--backend",
         metavar="NAME[=JSON]",
@@ -72,9 +68,10 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> ar
 
     sub = command("compare", "One scene with several backends or resolutions: video, table, chart.")
     _episode(sub)
-    sub.add_argument("--frames", type=_count, default=120, help="length of the run (default 120)")
+    sub.add_argument("--frames", type=_at_least(1), default=120, help="length of the run (default 120)")
     sub.add_argument(
         "--backend",
+        dest="backends",
         metavar="NAME[@RxC][=JSON]",
         action="append",
         default=[],
@@ -82,10 +79,10 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> ar
     )
     sub.add_argument("--resolutions", metavar="RxC,RxC", default="", help="default: the scene's own")
     sub.add_argument(
-        "--horizon", type=_count, default=10, help="of the chart's error [frames]: 1, 5, 10 (default) or 25"
+        "--horizon", type=_at_least(1), default=10, help="of the chart's error [frames]: 1, 5, 10 (default) or 25"
     )
     sub.add_argument("--out", metavar="DIR", help="default ./compare_<scene>; files in it are replaced")
-    sub.add_argument("--no-video", action="store_true", help="table and chart only")
+    sub.add_argument("--no-video", dest="video", action="store_false", help="table and chart only")
 
     sub = command("bench", "Run a benchmark; an unknown NAME lists them.")
     sub.add_argument("benchmark", metavar="NAME")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -20,21 +19,17 @@ from cloth_envs.registry import EPISODE_FRAMES, env_id, load_task
 def rollout(
     scene: str,
     *,
-    frames: int | None = None,
-    seed: int = 0,
-    policy: str = "smooth",
-    backend: str = "reference",
-    backend_kwargs: Mapping[str, Any] | None = None,
-    material: str | Mapping[str, float] | None = None,
-    resolution: Sequence[int] | None = None,
-    preset: str | Mapping[str, Any] | None = None,
-    video: str | None = None,
-    images: str | None = None,
-    hdf5: str | None = None,
-    strain: bool = False,
-    overwrite: bool = False,
+    frames: int | None,
+    seed: int,
+    policy: str,
+    video: str | None,
+    images: str | None,
+    hdf5: str | None,
+    strain: bool,
+    overwrite: bool,
+    **options: Any,
 ) -> str:
-    """One episode; returns what happened as text.
+    """One episode of the environment with these ``options``; returns what happened as text.
 
     Raises:
         ValueError, OSError, ImportError: a bad name or number, an output that can't be written, a package
@@ -49,16 +44,7 @@ def rollout(
     if hdf5 is not None:
         check_file(hdf5)
     with ExitStack() as stack:
-        env: gym.Env[Any, Any] = gym.make(
-            env_id(scene),
-            max_episode_steps=frames,
-            disable_env_checker=True,
-            backend=backend,
-            backend_kwargs=dict(backend_kwargs or {}),
-            material=material,
-            resolution=resolution,
-            preset=preset,
-        )
+        env: gym.Env[Any, Any] = gym.make(env_id(scene), max_episode_steps=frames, disable_env_checker=True, **options)
         stack.callback(env.close)
         cloth: Any = env.unwrapped
         drawn = video is not None or images is not None

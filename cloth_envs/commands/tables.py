@@ -23,29 +23,21 @@ def percent(values: np.ndarray) -> list[float]:
     return [float(100 * v) for v in values.mean(0)]
 
 
-def rows(comparison: Comparison) -> tuple[list[str], list[list[object]]]:
+def write_csv(comparison: Comparison, path: Path) -> None:
     """Header and one row an entry, numbers unrounded."""
     header = ["entry", "backend", "rows", "cols", "backend_kwargs", "ms_median", "ms_q1", "ms_q3", "times_real_time"]
     header += [f"error_{h}_frames_percent" for h in comparison.horizons]
     header += [f"mean_height_{h}_frames_percent" for h in comparison.horizons]
     header += ["free_run_percent", "failure"]
-    body: list[list[object]] = []
+    body: list[list[object]] = [[*header]]
     for result in comparison.results:
         entry, (low, middle, high) = result.entry, result.ms
         row: list[object] = [entry.label, entry.backend, *entry.resolution, dict(entry.backend_kwargs)]
         row += [middle, low, high, comparison.scene.frame_dt * 1e3 / middle]
         row += [*percent(result.errors), *percent(result.heights), 100 * result.divergence, result.failure or ""]
         body.append(row)
-    return header, body
-
-
-def write_csv(comparison: Comparison, path: Path) -> None:
-    """The rows, to a file."""
-    header, body = rows(comparison)
     with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(header)
-        writer.writerows(body)
+        csv.writer(file).writerows(body)
 
 
 def notes(comparison: Comparison, setup: str) -> str:
@@ -93,10 +85,5 @@ def pipes(lines: Sequence[Sequence[str]]) -> str:
     """A Markdown table whose columns are aligned as text, numbers to the right."""
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]
-    text = [
-        "| "
-        + " | ".join(c.rjust(w) if i else c.ljust(w) for i, (c, w) in enumerate(zip(line, widths, strict=True)))
-        + " |"
-        for line in (lines[0], rule, *lines[1:])
-    ]
-    return "\n".join(text)
+    rows = [[c.rjust(w) for c, w in zip(line, widths, strict=True)] for line in (lines[0], rule, *lines[1:])]
+    return "\n".join(f"| {' | '.join([row[0].strip().ljust(widths[0]), *row[1:]])} |" for row in rows)

@@ -54,11 +54,7 @@ def reference(
 
 
 def whole_number(name: str, value: object, least: int = 1) -> int:
-    """``value`` as it is.
-
-    Raises:
-        ValueError: not a whole number of at least ``least``.
-    """
+    """``value`` as it is. Raises ValueError: not a whole number of at least ``least``."""
     if isinstance(value, bool) or not isinstance(value, int) or value < least:
         raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}")
     return value
@@ -124,11 +120,7 @@ class Solver(ABC):
         return {}
 
     def recall(self, memory: dict[str, np.ndarray]) -> None:
-        """Nothing to take back.
-
-        Raises:
-            ValueError: there is something, from another backend.
-        """
+        """Nothing to take back. Raises ValueError: there is something, from another backend."""
         if memory:
             raise ValueError(f"{type(self).__name__} remembers nothing beyond its state, got {', '.join(memory)}")
 

@@ -20,7 +20,6 @@ Nothing is compressed: measured on a flag, gzip saved 18 % of the space for 15 t
 """
 
 from cloth_envs.recording.reader import Rollout
-from cloth_envs.recording.wrapper import RecordRollout
-from cloth_envs.recording.writer import RolloutWriter
+from cloth_envs.recording.writer import RecordRollout, RolloutWriter
 
 __all__ = ["RecordRollout", "Rollout", "RolloutWriter"]

@@ -84,11 +84,7 @@ class Rollout:
             raise
 
     def length(self, trajectory: int = 0) -> int:
-        """Whole frames of one trajectory.
-
-        Raises:
-            ValueError: no such trajectory.
-        """
+        """Whole frames of one trajectory. Raises ValueError: no such trajectory."""
         if not 0 <= trajectory < len(self.lengths):
             raise ValueError(
                 f"there is no trajectory {trajectory}: the file holds {len(self.lengths)}, numbered from 0"
@@ -112,11 +108,7 @@ class Rollout:
         return Material(**{name: float(self._file[f"scalars/{name}"][trajectory]) for name in PROPERTIES})
 
     def state(self, frame: int, trajectory: int = 0) -> State:
-        """One frame, a batch of one.
-
-        Raises:
-            ValueError: no such frame or trajectory.
-        """
+        """One frame, a batch of one. Raises ValueError: no such frame or trajectory."""
         length = self.length(trajectory)
         if not 0 <= frame < length:
             raise ValueError(f"there is no frame {frame}: trajectory {trajectory} holds {length}, numbered from 0")

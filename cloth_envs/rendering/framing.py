@@ -42,9 +42,7 @@ def support(scene: Scene) -> str:
         return "pole"
     if (row == 0).all() and len(handles) > 2:
         return "rail"
-    border = np.ones(grid.shape, bool)
-    border[1:-1, 1:-1] = False
-    return "frame" if set(np.flatnonzero(border)) <= set(handles.tolist()) else "pins"
+    return "frame" if np.isin(grid.border, handles).all() else "pins"
 
 
 def at_resolution(scene: Scene, shape: tuple[int, int]) -> Scene:
@@ -61,7 +59,7 @@ def at_resolution(scene: Scene, shape: tuple[int, int]) -> Scene:
     if support(scene) in ("pole", "belt"):  # whole lines of vertices stay whole
         vertices = np.flatnonzero(inside[1] == 0 if support(scene) == "pole" else inside[0] == row[0])
     elif support(scene) == "frame":
-        vertices = np.flatnonzero((inside % (np.array(fine.shape) - 1)[:, None, None] == 0).any(0))
+        vertices = np.sort(fine.border)
     handles = tuple(dict.fromkeys(vertices.tolist()))
     return replace(scene, grid=fine, handles=handles)
 
@@ -77,14 +75,6 @@ def lowest_hang(grid: Grid, handles: Sequence[int], heights: np.ndarray) -> floa
     down = (rows[:, None] - row) * grid.row_spacing
     length = np.hypot(down[:, None], across[None] * grid.col_spacing)  # (17, 17, N)
     return float((heights - length).max(-1).min())
-
-
-def ground_height(scene: Scene, colliders: np.ndarray) -> float | None:
-    """Height [m] of the first level plane among ``colliders`` ``(C, 2, 3)``, or None."""
-    for body, (point, normal) in zip(scene.colliders, colliders, strict=True):
-        if body.kind == "plane" and normal[2] > 0.99 * np.linalg.norm(normal):
-            return float(point[2])
-    return None
 
 
 def reach(scene: Scene, state: State, member: int = 0) -> np.ndarray:
@@ -116,9 +106,10 @@ def reach(scene: Scene, state: State, member: int = 0) -> np.ndarray:
                 low[2] = min(low[2], ends[:, 2].max() + body.radius - np.hypot(grid.width, grid.height) / 2)
     size = max(grid.width, grid.height)
     low[2], high[2] = low[2] - FLOOR_GAP[kind] * size, high[2] + HEADROOM[kind] * size
-    ground = ground_height(scene, state.colliders[member])
-    if ground is not None:
-        low[2] = ground
+    for body, (point, normal) in zip(scene.colliders, state.colliders[member], strict=True):
+        if body.kind == "plane" and normal[2] > 0.99 * np.linalg.norm(normal):
+            low[2] = point[2]  # the first level one is the ground
+            break
     return np.stack([low, high])
 
 
@@ -145,15 +136,8 @@ def anchor(scene: Scene, state: State, member: int) -> np.ndarray:
     return np.mean(bodies, 0).astype(float) if bodies else np.zeros(3)
 
 
-def shift(moved: np.ndarray, slack: float) -> np.ndarray:
-    """How far the camera goes along when its anchor has moved ``(3,)`` [m]: what exceeds ``slack``."""
-    return moved * max(0.0, 1.0 - slack / max(float(np.linalg.norm(moved)), 1e-12))
-
-
-def fit(
-    points: np.ndarray, towards: np.ndarray, aspect: float, below: float = 0.0
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Camera position, focal point and up vector that just hold ``points`` ``(N, 3)``, z up.
+def fit(points: np.ndarray, towards: np.ndarray, aspect: float, below: float = 0.0) -> Camera:
+    """The camera that just holds ``points`` ``(N, 3)``, z up.
 
     With x right, y up and z towards the camera at distance D, a point is inside the right edge when
     ``x - cx <= (D - z) t``; the two edges of an axis give D and the centre cx in closed form. ``below``
@@ -171,4 +155,4 @@ def fit(
     centre = np.append((most - least) / 2, 0.0)
     centre[1] -= below * half * distance
     focal = centre @ axes
-    return focal + distance * axes[2], focal, axes[1]
+    return Camera(tuple(focal + distance * axes[2]), tuple(focal), tuple(axes[1]))

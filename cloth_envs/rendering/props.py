@@ -54,17 +54,6 @@ def repeated(pv: Any, template: Any, at: np.ndarray) -> tuple[Any, np.ndarray]:
     return copies, np.repeat(np.arange(len(at)), template.n_points)
 
 
-def loop(scene: Scene) -> np.ndarray:
-    """Places in ``scene.handles`` of the vertices around the border, or around a tube, in order."""
-    rows, cols = scene.grid.shape
-    if scene.grid.periodic:
-        return np.arange(len(scene.handles))
-    index = np.arange(rows * cols).reshape(rows, cols)
-    around = np.concatenate([index[0, :-1], index[:-1, -1], index[-1, :0:-1], index[:0:-1, 0]])
-    order = {vertex: place for place, vertex in enumerate(scene.handles)}
-    return np.array([order[vertex] for vertex in around.tolist()])
-
-
 def pole(pv: Any, handles: np.ndarray, thick: float, ground: float) -> list[Part]:
     """A flagpole through ``handles`` ``(N, 3)`` [m] with a foot on the ground and a ball on top."""
     top = handles[handles[:, 2].argmax()] + np.array([0, 0, 4 * thick])
@@ -120,7 +109,8 @@ def fixtures(pv: Any, scene: Scene, handles: np.ndarray, ground: float) -> list[
     if kind == "rail":
         return rail(pv, handles, thick, 1.12 * max(scene.grid.width, float(np.ptp(handles, 0).max())))
     if kind in ("frame", "belt"):
-        around = loop(scene)
+        order = np.argsort(scene.handles)  # places in the handles, around the border or the tube
+        around = order if kind == "belt" else order[np.searchsorted(scene.handles, scene.grid.border, sorter=order)]
         line = pv.lines_from_points(handles[around], close=True)
         tube = {"line_width": 5.0, "render_lines_as_tubes": True}
         return [Part(line, look.STEEL, owner=np.append(around, around[:1])[: line.n_points], options=tube)]

@@ -118,24 +118,20 @@ class Renderer:
         if self.views != 1:
             raise ValueError(f"depth needs a renderer with views=1, this one has {self.views}")
         self._show(state, member)
+        from vtkmodules.vtkCommonCore import vtkFloatArray
+
         view, plotter = self._views[0], self._plotter
         view.solid_only(True)
         plotter.renderer.SetUseFXAA(False)
         plotter.renderer.ResetCameraClippingRange()
         plotter.render()
-        image = self._distances()
+        # Plotter.get_image_depth converts in float32, where the empty background can't be told from far things.
+        buffer: Any = vtkFloatArray()  # an array to NumPy, unknown to its stubs
+        plotter.render_window.GetZbufferData(0, 0, self.width - 1, self.height - 1, buffer)
+        z = np.frombuffer(buffer, np.float32).astype(float).reshape(self.height, self.width)[::-1]
+        near, far = plotter.camera.clipping_range
         view.solid_only(False)
         plotter.renderer.SetUseFXAA(True)
-        return image
-
-    def _distances(self) -> np.ndarray:
-        # Plotter.get_image_depth converts in float32, where the empty background can't be told from far things.
-        from vtkmodules.vtkCommonCore import vtkFloatArray
-
-        buffer: Any = vtkFloatArray()  # an array to NumPy, unknown to its stubs
-        self._plotter.render_window.GetZbufferData(0, 0, self.width - 1, self.height - 1, buffer)
-        z = np.frombuffer(buffer, np.float32).astype(float).reshape(self.height, self.width)[::-1]
-        near, far = self._plotter.camera.clipping_range
         return np.where(z < 1, near * far / (far - z * (far - near)), np.inf).astype(np.float32)
 
     def close(self) -> None:
@@ -178,7 +174,10 @@ class Renderer:
         scenes = [framing.at_resolution(self.scene, state.positions.shape[2:]) for state in states]
         boxes = np.stack([framing.reach(scene, state, member) for scene, state in zip(scenes, states, strict=True)])
         box = np.stack([boxes[:, 0].min(0), boxes[:, 1].max(0)])
-        camera = self.camera or self._frame(framing.direction(scenes[0], states[0], member), box)
+        corners = np.array(np.meshgrid(*box.T)).reshape(3, -1).T
+        towards, below = framing.direction(scenes[0], states[0], member), CAPTION_HEIGHT / self.height
+        aspect = self.width / self.views / self.height
+        camera = self.camera or framing.fit(corners, towards, aspect, below if self.captions else 0.0)
         follow, strain = self.camera is None, self.strain_range
         views = []
         for index, (scene, state) in enumerate(zip(scenes, states, strict=True)):
@@ -191,9 +190,3 @@ class Renderer:
             look.add_scalar_bar(plotter, views[-1].sheet.actor.mapper, self.width / self.views)
         plotter.show(auto_close=False, interactive=False)
         self._plotter, self._views = plotter, views
-
-    def _frame(self, towards: np.ndarray, box: np.ndarray) -> Camera:
-        corners = np.array(np.meshgrid(*box.T)).reshape(3, -1).T
-        below = CAPTION_HEIGHT / self.height if self.captions else 0.0
-        position, focal, up = framing.fit(corners, towards, self.width / self.views / self.height, below)
-        return Camera(tuple(position), tuple(focal), tuple(up))

@@ -93,7 +93,8 @@ class View:
             part.follow(moved)
         along = np.zeros(3)
         if self.follow:
-            along = framing.shift(framing.anchor(self.scene, state, member) - self.anchor, self.slack)
+            moved_by = framing.anchor(self.scene, state, member) - self.anchor
+            along = moved_by * max(0.0, 1.0 - self.slack / max(float(np.linalg.norm(moved_by)), 1e-12))
         self.camera.position = np.add(self.place.position, along)
         self.camera.focal_point = np.add(self.place.focal_point, along)
         if self.arrow is not None:

@@ -9,7 +9,7 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.measures import columns, tolerance
-from cloth_envs.scenes.task import Episode, Start, Task
+from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
 RADIUS = 0.3  # m
@@ -24,6 +24,7 @@ HELD = 0.5  # m, mean height from which on the cloth counts as held up
 MARGIN = 0.35  # m
 
 
+@documented
 class BallDrop(Task):
     """
     ## Description
@@ -37,7 +38,6 @@ class BallDrop(Task):
     ## Observation Space
     `obs="keypoints"`: positions, then velocities of a 5 x 5 lattice of vertices (75 + 75 numbers), then the
     ball's x, y and its velocity, the cloth's middle (mean of the keypoints) and its velocity.
-    `obs="mesh"`: the geometry image and the same extras.
 
     ## Rewards
     `tolerance(distance of the middle from the ball's axis, 0.35 m) * held`, in [0, 1]; held is the middle's height over
@@ -47,18 +47,9 @@ class BallDrop(Task):
     Level with small waves, 1.0-1.2 m above the ground, turned at random, drifting, its middle up to 0.35 m
     beside the ball's axis.
 
-    ## Episode End
-    Truncated after 200 frames (4 s). Terminated when the simulation fails (`info["failure"]`).
-
-    ## Arguments
-    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `preset`, `render_mode`: see `ClothEnv`.
-
     ## What Is Modelled
     Springs, damping, bending, gravity, drag by still air, contact and friction with the ball and the
     ground. No self-contact: folds can pass through each other. The ball slides, it doesn't roll.
-
-    ## Version History
-    v0: first version.
     """
 
     size = (1.0, 1.0)

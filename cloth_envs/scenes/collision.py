@@ -12,7 +12,7 @@ from cloth_envs.scene import Collider, Scene
 from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.measures import columns, largest_stretch, tolerance
 from cloth_envs.scenes.starts import bow, grip
-from cloth_envs.scenes.task import Episode, Start, Task
+from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
 RADIUS = 0.2  # m
@@ -26,6 +26,7 @@ SHAPE_MARGIN = 0.2  # m
 FREE_STRAIN, STRAIN_MARGIN = 0.03, 0.05  # the overstretch that costs nothing, and that leaves a tenth
 
 
+@documented
 class Collision(Task):
     """
     ## Description
@@ -39,7 +40,6 @@ class Collision(Task):
     ## Observation Space
     `obs="keypoints"`: positions, then velocities of a 5 x 4 lattice of vertices (60 + 60 numbers), then the
     ball's position and velocity and the goal.
-    `obs="mesh"`: the geometry image and the same extras.
 
     ## Rewards
     `tolerance(shape error, 0.2 m) * tolerance(overstretch, 0.05)`, in [0, 1]. The shape error is the root-mean-square
@@ -49,18 +49,9 @@ class Collision(Task):
     ## Starting State
     Hanging in four shallow pleats, at rest length and at rest; ball and goal are random. The top falls into a swag.
 
-    ## Episode End
-    Truncated after 200 frames (4 s). Terminated when the simulation fails (`info["failure"]`).
-
-    ## Arguments
-    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `preset`, `render_mode`: see `ClothEnv`.
-
     ## What Is Modelled
     Springs, damping, bending, gravity, drag by still air, contact and friction with the ball. No
     self-contact: folds can pass through each other. The ball slides, it doesn't roll.
-
-    ## Version History
-    v0: first version.
     """
 
     size = (1.5, 1.0)

@@ -12,7 +12,7 @@ from cloth_envs.scene import Scene
 from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.measures import columns, mean_span, tolerance
 from cloth_envs.scenes.starts import bow
-from cloth_envs.scenes.task import Episode, Start, Task
+from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
 RINGS = 7
@@ -25,6 +25,7 @@ SWING = 1.2  # m/s, largest starting speed of the hem
 COVER_MARGIN, CALM_MARGIN = 0.3, 0.5  # fraction, m/s
 
 
+@documented
 class Curtain(Task):
     """
     ## Description
@@ -39,7 +40,6 @@ class Curtain(Task):
     ## Observation Space
     `obs="keypoints"`: positions, then velocities of a 5 x 4 lattice of vertices (60 + 60 numbers), then the
     lead ring's x, y and its velocity, the covered and the target fraction.
-    `obs="mesh"`: the geometry image and the same extras.
 
     ## Rewards
     `tolerance(covered - target, 0.3) * (1 + 3 * tolerance(swing, 0.5 m/s)) / 4` in [0, 1]. Covered is the mean
@@ -50,18 +50,9 @@ class Curtain(Task):
     Hanging in pleats at rest length with a random opening, target and a random swing that grows
     towards the hem.
 
-    ## Episode End
-    Truncated after 200 frames (8 s). Terminated when the simulation fails (`info["failure"]`).
-
-    ## Arguments
-    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `preset`, `render_mode`: see `ClothEnv`.
-
     ## What Is Modelled
     Springs, damping, bending, gravity, drag by still air, rings. No self-contact: neighbouring pleats can pass through
     each other. No friction of rings on the rail.
-
-    ## Version History
-    v0: first version.
     """
 
     size = (1.5, 1.0)

@@ -9,7 +9,7 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Scene, Wind
 from cloth_envs.scenes.drives import Drive, draw_gust, gusty_wind
 from cloth_envs.scenes.measures import columns, loop_area
-from cloth_envs.scenes.task import Episode, Start, Task
+from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
 POLE_SPEED, ACCELERATION = 2.5, 25.0  # m/s at full action, m/s^2
@@ -20,6 +20,7 @@ GUST = 0.5  # of the mean
 BACKING = 0.4  # rad, how far gusts turn the wind
 
 
+@documented
 class Flag(Task):
     """
     ## Description
@@ -33,7 +34,6 @@ class Flag(Task):
     ## Observation Space
     `obs="keypoints"`: positions, then velocities of a 4 x 5 lattice of vertices (60 + 60 numbers), then
     the pole's x, y and its velocity, the wind's x, y and the onlooker's direction x, y.
-    `obs="mesh"`: the geometry image and the same extras.
 
     ## Rewards
     Component of the flag's area vector towards the onlooker, without its sign, over the rest area, in [0, 1]. The
@@ -43,18 +43,9 @@ class Flag(Task):
     The flag is spread downwind with small random waves. Mean wind (2-4.5 m/s), gusts, their turning
     and the onlooker's direction, up to 34 degrees beside the wind, are random.
 
-    ## Episode End
-    Truncated after 200 frames (8 s). Terminated when the simulation fails (`info["failure"]`).
-
-    ## Arguments
-    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `preset`, `render_mode`: see `ClothEnv`.
-
     ## What Is Modelled
     Springs, damping, bending, gravity, wind on triangles, the pole. No drag by still air, no
     self-contact: folds of the flag can pass through each other.
-
-    ## Version History
-    v0: first version.
     """
 
     size = (1.0, 1.5)
@@ -67,11 +58,9 @@ class Flag(Task):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        numbers = np.arange(scene.grid.vertices).reshape(scene.grid.shape)
-        sides = (numbers[0, :-1], numbers[:-1, -1], numbers[-1, :0:-1], numbers[:0:-1, 0])
         self.drive = Drive([-REACH] * 2, [REACH] * 2, speed=POLE_SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
         self.follow = np.ones((len(self.handles), 2))
-        self.border = np.concatenate(sides).astype(np.int32)
+        self.border = scene.grid.border.astype(np.int32)
         self.over_area = 1.0 / (scene.grid.height * scene.grid.width)
 
     @classmethod

@@ -10,7 +10,7 @@ from cloth_envs.scene import Scene
 from cloth_envs.scenes.drives import Drive, draw_gust, gust
 from cloth_envs.scenes.measures import columns, tolerance
 from cloth_envs.scenes.starts import grip
-from cloth_envs.scenes.task import Episode, Start, Task
+from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
 SPEED, ACCELERATION = 1.0, 10.0  # m/s of the corner at full action, m/s^2
@@ -23,6 +23,7 @@ SWING = 1.0  # rad/s, largest starting rate of swinging
 PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
 
 
+@documented
 class Hanging(Task):
     """
     ## Description
@@ -36,7 +37,6 @@ class Hanging(Task):
     ## Observation Space
     `obs="keypoints"`: positions, then velocities of a 4 x 4 lattice of vertices (48 + 48 numbers), then the
     corner's position and velocity, the middle's position and velocity (mean of the keypoints), the goal, the breeze.
-    `obs="mesh"`: the geometry image and the same extras.
 
     ## Rewards
     `tolerance(distance of middle to goal, 0.5 m) * (1 + 3 * tolerance(speed, 1 m/s)) / 4`, in [0, 1]; speed is the
@@ -46,18 +46,9 @@ class Hanging(Task):
     The cloth is wrapped on a cone below its corner, at rest length, turned at random and swinging as a
     whole. The goal is random.
 
-    ## Episode End
-    Truncated after 250 frames (5 s). Terminated when the simulation fails (`info["failure"]`).
-
-    ## Arguments
-    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `preset`, `render_mode`: see `ClothEnv`.
-
     ## What Is Modelled
     Springs, damping, bending, gravity, drag by still air, the breeze as a small pressure along the normals.
     No self-contact: folds can pass through each other.
-
-    ## Version History
-    v0: first version.
     """
 
     size = (1.0, 1.0)

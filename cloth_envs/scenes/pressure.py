@@ -9,7 +9,7 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Scene
 from cloth_envs.scenes.drives import draw_gust, gust
 from cloth_envs.scenes.measures import columns, tolerance
-from cloth_envs.scenes.task import Episode, Start, Task
+from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
 FULL_PRESSURE = 40.0  # Pa
@@ -20,6 +20,7 @@ MARGIN = 0.05  # m
 BULGE = 0.04  # m, largest starting apex height
 
 
+@documented
 class Pressure(Task):
     """
     ## Description
@@ -33,7 +34,6 @@ class Pressure(Task):
     ## Observation Space
     `obs="keypoints"`: positions, then velocities of a 5 x 5 lattice of vertices (75 + 75 numbers), then apex
     height and velocity, pressure over 40 Pa, the target height now and in 0.1 s.
-    `obs="mesh"`: the geometry image and the same extras.
 
     ## Rewards
     `tolerance(apex - target, 0.05 m)`, in [0, 1].
@@ -42,18 +42,9 @@ class Pressure(Task):
     A smooth bulge at rest, up to 4 cm up or down, no pressure. The target is a sum of four random tones of
     0.15-1.2 Hz.
 
-    ## Episode End
-    Truncated after 250 frames (5 s). Terminated when the simulation fails (`info["failure"]`).
-
-    ## Arguments
-    `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `preset`, `render_mode`: see `ClothEnv`.
-
     ## What Is Modelled
     Springs, damping, bending, gravity, drag by still air, pressure along the normals, pinned border. The
     air itself (its mass and flow) is only drag.
-
-    ## Version History
-    v0: first version.
     """
 
     size = (1.0, 1.0)
@@ -71,9 +62,7 @@ class Pressure(Task):
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
-        border = np.ones(grid.shape, dtype=bool)
-        border[1:-1, 1:-1] = False
-        pins = tuple(np.flatnonzero(border).tolist())
+        pins = tuple(np.sort(grid.border).tolist())
         return Scene("Pressure", grid, material, cls.frame_dt, handles=pins, pressure=True)
 
     def start(self, rng: np.random.Generator) -> Start:

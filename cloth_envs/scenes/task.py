@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from inspect import cleandoc
 from typing import ClassVar
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from cloth_envs.failure import MAX_STRAIN
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
+from cloth_envs.registry import EPISODE_FRAMES
 from cloth_envs.scene import Scene
 from cloth_envs.scenes import drives, measures
 from cloth_envs.state import Controls, State
@@ -137,3 +139,20 @@ class Task(ABC):
     @abstractmethod
     def reward(self, episode: Episode) -> np.ndarray:
         """``(B,)`` in [0, 1]."""
+
+
+def documented(task: type[Task]) -> type[Task]:
+    """Add to a scene's docstring what is told of every one."""
+    n, own = EPISODE_FRAMES[task.__name__], cleandoc(task.__doc__ or "")
+    own = own.replace("\n\n## Rewards", '\n`obs="mesh"`: the geometry image and the same extras.\n\n## Rewards')
+    task.__doc__ = f"""{own}
+
+## Episode End
+Truncated after {n} frames ({n * task.frame_dt:g} s). Terminated when the simulation fails (`info["failure"]`).
+
+## Arguments
+`backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `preset`, `render_mode`: see `ClothEnv`.
+
+## Version History
+v0: first version."""
+    return task

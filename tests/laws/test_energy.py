@@ -10,7 +10,15 @@ from worlds import THREADS, flat, frequency, rates, run, simulate
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import FABRICS, Material
-from cloth_envs.physics import laws
+from cloth_envs.physics.laws.air import pressure_forces, wind_forces
+from cloth_envs.physics.laws.sheet import (
+    bend_energy,
+    damper_forces,
+    gravity_energy,
+    kinetic_energy,
+    masses,
+    spring_energy,
+)
 from cloth_envs.scene import Scene, Wind
 from cloth_envs.state import Controls, State
 
@@ -27,15 +35,15 @@ def balance(scene: Scene, states: list[State], controls: Controls) -> np.ndarray
     for state in states:
         x, v = state.positions, state.velocities
         energy.append(
-            laws.kinetic_energy(grid, materials, v)
-            + laws.spring_energy(grid, materials, x)
-            + laws.bend_energy(grid, materials, x)
-            + laws.gravity_energy(grid, materials, x, scene.gravity)
+            kinetic_energy(grid, materials, v)
+            + spring_energy(grid, materials, x)
+            + bend_energy(grid, materials, x)
+            + gravity_energy(grid, materials, x, scene.gravity)
         )
-        force = laws.damper_forces(grid, materials, x, v) + laws.wind_forces(scene, x, v, controls.wind)
-        force -= scene.material.drag * scene.drag * laws.masses(grid, materials) * v
+        force = damper_forces(grid, materials, x, v) + wind_forces(scene, x, v, controls.wind)
+        force -= scene.material.drag * scene.drag * masses(grid, materials) * v
         if scene.pressure:
-            force += laws.pressure_forces(grid, x, controls.pressure)
+            force += pressure_forces(grid, x, controls.pressure)
         power.append((force * v * free).sum((1, 2, 3)))
     total, work = np.array(energy)[:, 0], np.array(power)[:, 0]
     return total - np.concatenate([[0], np.cumsum((work[1:] + work[:-1]) / 2)]) * scene.frame_dt
@@ -53,7 +61,7 @@ def test_energy_balance_closes_as_the_step_shrinks() -> None:
         states, _ = run(scene, state, controls, steps, substeps=1)
         total = balance(scene, states, controls)
         errors.append(abs(total - total[0]).max())
-        spent = np.ptp(laws.gravity_energy(grid, [CLOTH], np.concatenate([s.positions for s in states]), 9.81))
+        spent = np.ptp(gravity_energy(grid, [CLOTH], np.concatenate([s.positions for s in states]), 9.81))
     # Symplectic Euler follows an energy that differs from the true one by order h.
     assert (abs(rates(errors) - 1) < 0.2).all()
     assert errors[-1] < 0.02 * spent
@@ -84,9 +92,9 @@ def test_no_fabric_gains_energy_at_its_largest_step(fabric: str) -> None:
     state.velocities[:] = 0.2 * np.random.default_rng(0).normal(size=state.velocities.shape)
     states, _ = run(scene, state, frames=100, dtype="float32")
     first, last = (
-        laws.kinetic_energy(grid, [material], s.velocities)
-        + laws.spring_energy(grid, [material], s.positions)
-        + laws.bend_energy(grid, [material], s.positions)
+        kinetic_energy(grid, [material], s.velocities)
+        + spring_energy(grid, [material], s.positions)
+        + bend_energy(grid, [material], s.positions)
         for s in (states[0], states[-1])
     )
     # Dashpots and drag only take; an unstable mode would multiply by more than e in each of thousands of steps.

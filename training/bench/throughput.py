@@ -17,8 +17,8 @@ import numpy as np
 import cloth_envs
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics import laws
 from cloth_envs.physics.explicit.solver import ExplicitSolver
+from cloth_envs.physics.laws.step import step
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, State
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
@@ -124,7 +124,7 @@ def kernel(size: str, term: str, threads: int, batch: int, repeats: int) -> Thro
 def numpy_ns(size: str, repeats: int) -> float:
     """The NumPy twin's best time for the default terms, per vertex and substep [ns]."""
     scene, state, controls = prepare(SIZES[size], DEFAULT, 1)
-    taken = repeat(lambda: laws.step(scene, state, controls, 5), number=1, repeat=repeats)
+    taken = repeat(lambda: step(scene, state, controls, 5), number=1, repeat=repeats)
     return min(taken) / (5 * scene.grid.vertices) * 1e9
 
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import lstsq
 
-from cloth_envs.physics import laws
 from cloth_envs.physics.explicit.solver import ExplicitSolver
+from cloth_envs.physics.laws.air import pressure_forces, wind_forces
 from cloth_envs.physics.laws.stencil import edges, triples
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
@@ -59,9 +59,9 @@ def accelerations(scene: Scene, state: State, controls: Controls, substeps: int)
     after = bare_step(solver, state, wind=controls.wind, pressure=controls.pressure)
     kick = -np.expm1(-drag * h) / drag if drag else h
     total = (after - state.velocities * np.exp(-drag * h)) / kick
-    air = laws.wind_forces(scene, state.positions, state.velocities, controls.wind)
+    air = wind_forces(scene, state.positions, state.velocities, controls.wind)
     if scene.pressure:
-        air = air + laws.pressure_forces(scene.grid, state.positions, controls.pressure)
+        air = air + pressure_forces(scene.grid, state.positions, controls.pressure)
     return (total - air / scene.mass)[0].ravel()
 
 

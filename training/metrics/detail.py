@@ -7,7 +7,7 @@ from scipy.fft import dctn
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics import laws
+from cloth_envs.physics.laws.sheet import bend_energy
 
 
 def _step(x: np.ndarray, axis: int, periodic: bool) -> np.ndarray:
@@ -59,7 +59,7 @@ def curvature_distance(grid: Grid, positions: np.ndarray, truth: np.ndarray) -> 
 def bending_ratio(grid: Grid, positions: np.ndarray, truth: np.ndarray) -> np.ndarray:
     """Bending energy over the truth's, ``(...)``: below 1 too smooth, above too wrinkled; NaN where that is flat."""
     found, true = (
-        laws.bend_energy(grid, [Material()] * int(np.prod(x.shape[:-3])), x.reshape(-1, *x.shape[-3:]))
+        bend_energy(grid, [Material()] * int(np.prod(x.shape[:-3])), x.reshape(-1, *x.shape[-3:]))
         for x in (positions, truth)
     )
     ratio = np.divide(found, true, out=np.full_like(found, np.nan), where=true > 0)

@@ -1,4 +1,10 @@
-"""P-ADMM: one implicit step a frame by alternating local springs and a global linear system, compiled."""
+"""P-ADMM: one implicit step a frame by alternating local springs and a global linear system, compiled.
+
+The global system is solved in the modes of the grid. With borders' masses and stiffnesses halved, springs along rows,
+columns and both diagonals act on a grid as on one mirrored about its borders, so products of cosines along rows and
+columns are eigenvectors, and solving takes four small matrix products (Lynch, Rice & Thomas 1964). On a tube cosines
+and sines go round.
+"""
 
 from __future__ import annotations
 
@@ -11,19 +17,57 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.admm.modes import capacitance, eigenvalues, modes
 from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet, whole_number
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
-# w_i^2 of a spring over its stiffness. Measured on 37 x 25 vertices, 40 ms, 10 iterations, for 0.1 / 0.2 / 0.3 / 1:
-# distance to the explicit solver after a fall of 0.5 s 23 / 38 / 56 / 259 mm, largest strain of a cloth hung by two
-# corners 0.110 / 0.090 / 0.087 / 0.089 (true: 0.086). With 5 iterations 0.1 makes that cloth tremble, 0.2 does not.
+# w_i^2 of a spring over its stiffness; docs/solvers.md tells how it was measured.
 WEIGHT = 0.2
-_KERNELS: dict[str, type[kernels.Admm32] | type[kernels.Admm64]] = {
-    "float32": kernels.Admm32,
-    "float64": kernels.Admm64,
-}
+
+
+def modes(count: int, periodic: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvectors of a row of ``count`` vertices as columns ``(count, count)``, and the cosine of each one's step.
+
+    Vectors that are even about the middle come first. With the weights ``w`` of the vertices (1, on borders 1/2)
+    ``(q * w[:, None]).T @ q`` is the identity; one step changes mode k as ``2 cos_k`` times itself minus its past.
+    """
+    place, order, weight = np.arange(count)[:, None], np.arange(count), np.ones((count, 1))
+    if periodic:
+        even, odd = np.arange((count + 1) // 2), np.arange(1, count // 2 + 1)
+        angle = 2 * np.pi / count * np.concatenate([even, odd])
+        phase = (place + 0.5) * angle
+        q = np.concatenate([np.cos(phase[:, : len(even)]), np.sin(phase[:, len(even) :])], 1)
+    else:
+        angle = np.pi / (count - 1) * np.concatenate([order[0::2], order[1::2]])
+        q = np.cos(place * angle)
+        weight[[0, -1]] = 0.5
+    return q / np.sqrt((weight * q * q).sum(0)), np.cos(angle)
+
+
+def eigenvalues(grid: Grid, material: Material, h: float) -> np.ndarray:
+    """Of ``M / h^2 + K`` relative to the vertices' weights, ``(H, W)`` [N/m], in the order of ``modes``.
+
+    ``K`` holds ``WEIGHT`` times the springs, their dashpots ``c`` as ``c / h``, and bending. At free borders
+    bending has a term less than on a mirrored grid: the matrix is then an upper bound of the true one.
+    """
+    a, b, d = grid.row_spacing, grid.col_spacing, grid.diagonal
+    row, col = modes(grid.rows, False)[1][:, None], modes(grid.cols, grid.periodic)[1][None, :]
+    springs = WEIGHT * (1 + material.damping / h)
+    stretch = springs * material.stretch_stiffness * (a / b * (2 - 2 * col) + b / a * (2 - 2 * row))
+    shear = springs * material.shear_stiffness * d * d / (2 * a * b) * (4 - 4 * row * col)
+    bend = material.bend_stiffness * (a / b**3 * (2 - 2 * col) ** 2 + b / a**3 * (2 - 2 * row) ** 2)
+    return material.areal_density * a * b / h**2 + stretch + shear + bend
+
+
+def capacitance(grid: Grid, values: np.ndarray, held: tuple[int, ...]) -> np.ndarray:
+    """Inverse ``(N, N)`` [N/m] of how the ``held`` vertices give way to forces on them, for eigenvalues ``values``."""
+    rows, cols = np.divmod(np.array(held, int), grid.cols)
+    along, across = modes(grid.rows, False)[0][rows], modes(grid.cols, grid.periodic)[0][cols]
+    give = np.zeros((len(held), len(held)))
+    for mode, value in zip(along.T, values, strict=True):
+        e = mode[:, None] * across / np.sqrt(value)
+        give += e @ e.T
+    return np.linalg.inv(give)
 
 
 class AdmmSolver(Solver):
@@ -34,11 +78,8 @@ class AdmmSolver(Solver):
     ``z = argmin U(z) + w^2 |z - y|^2 / 2``, ``u <- y - z``, and then solves
     ``(M / h^2 + D^T W^2 D) x = M x~ / h^2 + D^T W^2 (z - u)`` with handles where the frame's cubic has them.
 
-    - The spring's ``z = (k L y^ + w^2 y) / (k + w^2)`` with ``w^2 = 0.2 k``. The start is ``z = D x_t``, ``u = 0`` and
-      for x the prediction ``x~``, as in Overby's program.
-    - A dashpot ``c`` adds ``c (|d| - |d_t|)^2 / (2 h)``; bending is linear and lies in the matrix.
-    - The global step is solved by fast diagonalisation (``modes``), for the correction of x; held vertices by
-      their capacitance matrix, bending at free borders by keeping its residual true.
+    - The spring's ``z = (k L y^ + w^2 y) / (k + w^2)`` with ``w^2 = 0.2 k``. The start is ``z = D x_t``, ``u = 0``,
+      and for x the prediction ``x~``. A dashpot ``c`` adds ``c (|d| - |d_t|)^2 / (2 h)``; bending lies in the matrix.
     - Wind on a facet is weakened to what it can do in a step, ``1 / (1 + a |u| h)``.
     - Bodies act by forces with Coulomb friction, detected again in each iteration; a last projection takes
       every vertex out of them.
@@ -46,11 +87,7 @@ class AdmmSolver(Solver):
     Too few iterations leave a step unconverged: the cloth then moves as if it were heavier. Steps of a whole
     frame damp the motion, and a cloth that slides on a body stops later than it should; substeps help.
 
-    Args:
-        scene: what is modelled; terms that it does not list are not evaluated.
-        num_envs: members of the batch.
-        threads: over members of the batch; results do not depend on it.
-        dtype: ``"float32"`` or ``"float64"``, of the state and the computation.
+    Args, beside those of ``Solver`` (the computation has the state's ``dtype`` too):
         iterations: in a substep.
         substeps: equal steps in a frame.
 
@@ -71,7 +108,8 @@ class AdmmSolver(Solver):
         super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
         self.iterations, self.substeps = whole_number("iterations", iterations), whole_number("substeps", substeps)
         grid = scene.grid
-        self._kernel = _KERNELS[dtype](
+        kernel = kernels.Admm32 if self.dtype == np.float32 else kernels.Admm64
+        self._kernel = kernel(
             kernel_sheet(scene),
             substeps=self.substeps,
             iterations=self.iterations,
@@ -98,5 +136,5 @@ class AdmmSolver(Solver):
 @lru_cache(maxsize=64)
 def _matrix(grid: Grid, material: Material, h: float, held: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues and capacitance of a global step."""
-    values = eigenvalues(grid, material, h, WEIGHT)
+    values = eigenvalues(grid, material, h)
     return values, capacitance(grid, values, held)

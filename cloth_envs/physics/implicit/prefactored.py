@@ -13,15 +13,20 @@ from cloth_envs.material import Material
 from cloth_envs.physics.laws.stencil import edges, triples
 
 
+def _gram(grid: Grid, vertices: tuple[np.ndarray, ...], signs: list[float], weight: np.ndarray) -> sparse.csr_array:
+    """``D^T W D`` ``(n, n)`` of differences that take ``signs`` times the values at ``vertices``, one array a sign."""
+    count = len(weight)
+    where = (np.tile(np.arange(count), len(signs)), np.concatenate(vertices))
+    d = sparse.csr_array((np.repeat(signs, count), where), (count, grid.vertices))
+    return d.T @ sparse.diags_array(weight) @ d
+
+
 def spring_laplacian(grid: Grid, material: Material) -> sparse.csr_array:
-    """``D^T W D`` of the springs, ``(n, n)`` [N/m]: the Hessian per axis of springs of rest length 0."""
+    """The Hessian per axis of springs of rest length 0, ``(n, n)`` [N/m]."""
     total = sparse.csr_array((grid.vertices, grid.vertices))
     for edge in edges(grid):
-        count = len(edge.first)
-        rows = np.tile(np.arange(count), 2)
-        values = np.repeat([-1.0, 1.0], count)
-        d = sparse.csr_array((values, (rows, np.r_[edge.first, edge.second])), (count, grid.vertices))
-        total = total + d.T @ sparse.diags_array(getattr(material, edge.modulus) * edge.weight) @ d
+        weight = getattr(material, edge.modulus) * edge.weight
+        total = total + _gram(grid, (edge.first, edge.second), [-1.0, 1.0], weight)
     return total.tocsr()
 
 
@@ -29,11 +34,8 @@ def bending_matrix(grid: Grid, material: Material) -> sparse.csr_array:
     """Hessian per axis of the quadratic bending energy, ``(n, n)`` [N/m]; the same in every configuration."""
     total = sparse.csr_array((grid.vertices, grid.vertices))
     for t in triples(grid):
-        count = len(t.middle)
-        rows = np.tile(np.arange(count), 3)
-        values = np.repeat([1.0, -2.0, 1.0], count)
-        d = sparse.csr_array((values, (rows, np.r_[t.before, t.middle, t.after])), (count, grid.vertices))
-        total = total + d.T @ sparse.diags_array(material.bend_stiffness * t.weight) @ d
+        weight = material.bend_stiffness * t.weight
+        total = total + _gram(grid, (t.before, t.middle, t.after), [1.0, -2.0, 1.0], weight)
     return total.tocsr()
 
 

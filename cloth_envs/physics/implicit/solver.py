@@ -31,17 +31,12 @@ class ImplicitSolver(Solver):
     resting sheet does not creep. A vertex that passed the middle of a body in a step is put back to the side where
     it came in. One body holds a vertex at a time; where two squeeze it, the last one listed wins.
 
-    ``scheme="sdirk2"`` is of order 2 and L-stable like TR-BDF2 (the same stability function) and, like it, needs no
-    earlier step, so saved states continue bit for bit. It costs two minimisations. Impacts and the onset of sliding
-    stay of order 1. Handles and bodies move on cubics through the frame.
+    ``scheme="sdirk2"`` is of order 2, L-stable and costs two minimisations; impacts and the onset of sliding stay of
+    order 1. Handles and bodies move on cubics through the frame. One long step of a stiff sheet takes hundreds of
+    iterations: this solver is for what would need too many steps of the explicit one.
+    Members of the batch are stepped one after the other, in float64; each stops on its own.
 
-    Slow: one long step of a stiff sheet takes hundreds of iterations, more where it slides on a round body. The
-    explicit solver is the fast one at the scenes' sizes; this one is for what would need too many steps of it.
-
-    Args:
-        scene: what is modelled; terms that it does not list are not evaluated.
-        num_envs: members of the batch, stepped one after the other; each stops on its own.
-        dtype: of the state, ``"float32"`` or ``"float64"``; steps are computed in float64.
+    Args, beside those of ``Solver``:
         scheme: ``"euler"`` or ``"sdirk2"``.
         substeps: steps per frame.
         tolerance: a step ends when the unbalanced force on no vertex exceeds this share of its weight at 9.81 m/s^2.

@@ -10,7 +10,7 @@ import numpy as np
 from cloth_envs.material import Material
 from cloth_envs.physics.implicit.lbfgs import Minimum, Secants, minimise
 from cloth_envs.physics.implicit.prefactored import implicit_system
-from cloth_envs.physics.laws.drives import hermite
+from cloth_envs.physics.laws.step import hermite
 from cloth_envs.physics.solver import kernel_material
 from cloth_envs.scene import GRAVITY, Scene
 
@@ -82,7 +82,7 @@ class ImplicitStep:
         self.mass = scene.grid.areas.ravel() * material.areal_density
         drag = material.drag if scene.drag else 0.0
         self.material = kernel_material(scene, material)
-        self.h = scene.frame_dt / substeps
+        self.h, self.held = scene.frame_dt / substeps, list(scene.handles)
         self.tau = tau = GAMMA[scheme] * self.h
         if scheme == "euler":  # as the explicit solver: exact for a constant force
             self.decay = np.exp(-drag * tau)
@@ -104,10 +104,9 @@ class ImplicitStep:
         self.iterations, self.residual = 0, 0.0
         secants = Secants(self.window, x.size)
         step = self._euler if self.scheme == "euler" else self._sdirk2
-        held = list(self.scene.handles)
         for k in range(self.substeps):
             x, v = step(x, v, drive, secants, k / self.substeps, (k + 1) / self.substeps)
-            v[:, held] = drive.handles_at((k + 1) / self.substeps)[1]
+            v[:, self.held] = drive.handles_at((k + 1) / self.substeps)[1]
         return x, v
 
     def _euler(
@@ -126,7 +125,7 @@ class ImplicitStep:
         The acceleration of the first stage, without the reactions of contact (an impact is not repeated), is
         ``(v1 - v) / tau``. Directions and areas come from places that are right to O(h^2): order 2 stays.
         """
-        rest, held = self.h - self.tau, list(self.scene.handles)
+        rest, held = self.h - self.tau, self.held
         middle = s0 + GAMMA["sdirk2"] * (s1 - s0)
         bodies0, bodies1 = drive.bodies_at(s0), drive.bodies_at(middle)
         place, speed = drive.handles_at(middle)
@@ -146,11 +145,10 @@ class ImplicitStep:
         return end.x.reshape(x.shape), self._velocities(second, end)[0]
 
     def _minimise(self, stage: Stage, drive: Drive, secants: Secants) -> Minimum:
-        held = list(self.scene.handles)
         guess = stage.base + self.tau * self.decay * stage.velocity
         target = guess.copy()
         target[2] -= self.tau**2 * self.push * self.scene.gravity
-        guess[:, held] = drive.handles_at(stage.end)[0]
+        guess[:, self.held] = drive.handles_at(stage.end)[0]
         self.potential.begin(
             material=self.material,
             tau=self.tau,

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from cloth_envs.material import Material
-from cloth_envs.physics import laws
+from cloth_envs.physics.laws import air, sheet, step
 from cloth_envs.physics.laws.diagnostics import as_materials, depths, energy
 from cloth_envs.scene import GRAVITY, Scene
 from cloth_envs.state import State
@@ -50,15 +50,15 @@ def _powers(
 ) -> np.ndarray:
     """Power [W] of pull at the handles, wind, pressure, damping and drag, ``(5, B)``, in a given wind and pressure."""
     grid, x, v = scene.grid, state.positions, state.velocities.astype(np.float64)
-    blown = laws.wind_forces(scene, x, v, wind)
-    pressed = laws.pressure_forces(grid, x, pressure) if scene.pressure else np.zeros(x.shape)
-    damped = laws.damper_forces(grid, sheets, x, v)
+    blown = air.wind_forces(scene, x, v, wind)
+    pressed = air.pressure_forces(grid, x, pressure) if scene.pressure else np.zeros(x.shape)
+    damped = sheet.damper_forces(grid, sheets, x, v)
     rate = np.array([m.drag for m in sheets])[:, None, None, None] * scene.drag
-    slowed = -rate * laws.masses(grid, sheets) * v
+    slowed = -rate * sheet.masses(grid, sheets) * v
     held = np.zeros(grid.vertices)
     held[list(scene.handles)] = 1.0
-    pull = laws.spring_forces(grid, sheets, x) + laws.bend_forces(grid, sheets, x)
-    pull = pull + laws.gravity_forces(grid, sheets, x, scene.gravity) + blown + pressed + damped + slowed
+    pull = sheet.spring_forces(grid, sheets, x) + sheet.bend_forces(grid, sheets, x)
+    pull = pull + sheet.gravity_forces(grid, sheets, x, scene.gravity) + blown + pressed + damped + slowed
     parts = (pull * held.reshape(grid.shape), blown, pressed, damped, slowed)
     return np.array([(force * v).sum((1, 2, 3)) for force in parts])
 
@@ -86,7 +86,7 @@ def budget(scene: Scene, states: Sequence[State], materials: Sequence[Material] 
     start, end = energy(scene, first, sheets), energy(scene, last, sheets)
     held = np.zeros(scene.grid.vertices)
     held[list(scene.handles)] = 1.0
-    mass = laws.masses(scene.grid, sheets) * held.reshape(scene.grid.shape)
+    mass = sheet.masses(scene.grid, sheets) * held.reshape(scene.grid.shape)
     driven = [(mass * s.velocities.astype(np.float64) ** 2).sum((1, 2, 3)) / 2 for s in (first, last)]
     return Budget(
         gained=end.mechanical - start.mechanical,
@@ -109,10 +109,10 @@ def implicit_residual(
     """
     sheets, grid = as_materials(scene, before, materials), scene.grid
     v0, v1 = (state.velocities.astype(np.float64) for state in (before, after))
-    mass = laws.masses(grid, sheets)
+    mass = sheet.masses(grid, sheets)
     h = (after.time - before.time)[:, None, None, None]
     rate = np.array([m.drag for m in sheets])[:, None, None, None] * scene.drag
-    force = laws.total_forces(scene, sheets, after, after.wind, after.pressure) - rate * mass * v1
+    force = step.total_forces(scene, sheets, after, after.wind, after.pressure) - rate * mass * v1
     size = np.linalg.norm(mass * (v1 - v0) / h - force, axis=1).reshape(before.batch, -1)
     free = depths(scene, after) < -contact
     free[:, list(scene.handles)] = False

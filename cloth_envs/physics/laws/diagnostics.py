@@ -13,7 +13,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics import laws
+from cloth_envs.physics.laws import air, sheet
 from cloth_envs.physics.laws.bodies import axis_parameter, dot, on_axis
 from cloth_envs.physics.laws.stencil import edges
 from cloth_envs.scene import Scene
@@ -62,17 +62,17 @@ def energy(scene: Scene, state: State, materials: Sequence[Material] | None = No
     """The energies of every cloth."""
     sheets, grid, x = as_materials(scene, state, materials), scene.grid, state.positions
     return Energy(
-        kinetic=laws.kinetic_energy(grid, sheets, state.velocities),
-        gravity=laws.gravity_energy(grid, sheets, x, scene.gravity),
-        springs=laws.spring_energy(grid, sheets, x),
-        bending=laws.bend_energy(grid, sheets, x),
-        pressure=laws.pressure_energy(grid, x, state.pressure) if scene.pressure else np.zeros(state.batch),
+        kinetic=sheet.kinetic_energy(grid, sheets, state.velocities),
+        gravity=sheet.gravity_energy(grid, sheets, x, scene.gravity),
+        springs=sheet.spring_energy(grid, sheets, x),
+        bending=sheet.bend_energy(grid, sheets, x),
+        pressure=air.pressure_energy(grid, x, state.pressure) if scene.pressure else np.zeros(state.batch),
     )
 
 
 def linear_momentum(scene: Scene, state: State, materials: Sequence[Material] | None = None) -> np.ndarray:
     """``sum m v``, ``(B, 3)`` [kg m/s]."""
-    mass = laws.masses(scene.grid, as_materials(scene, state, materials))
+    mass = sheet.masses(scene.grid, as_materials(scene, state, materials))
     return (mass * state.velocities).sum((2, 3))
 
 
@@ -84,7 +84,7 @@ def angular_momentum(
     about: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
 ) -> np.ndarray:
     """``sum m (x - about) x v``, ``(B, 3)`` [kg m^2/s]; ``about`` ``(3,)`` or ``(B, 3)`` [m]."""
-    mass = laws.masses(scene.grid, as_materials(scene, state, materials))
+    mass = sheet.masses(scene.grid, as_materials(scene, state, materials))
     arm = state.positions - np.asarray(about, np.float64)[..., None, None]
     return np.cross(arm, mass * state.velocities, axis=1).sum((2, 3))
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cloth_envs.physics.laws.drives import hermite
+from cloth_envs.physics.laws.step import bodies_at, put_handles
 from cloth_envs.physics.particles.solver import NEIGHBOURS, Cell, net_of, steps_a_frame
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
@@ -75,35 +75,17 @@ def step(scene: Scene, state: State, controls: Controls, cell: Cell, refine: int
     """One frame in the author's order: forces, drag, balls, ``x += h v``, and handles on their cubics; float64."""
     net, steps = net_of(scene), steps_a_frame(scene) * refine
     old, now, h = state.astype(np.float64), state.astype(np.float64), scene.frame_dt / steps
-    held, flat = list(scene.handles), (state.batch, 3, -1)
-    from_x, from_v = (a.reshape(flat)[..., held].transpose(0, 2, 1) for a in (old.positions, old.velocities))
     for k in range(steps):
         x = now.positions
         force = cell_forces(cell, x, now.velocities)
         if scene.pressure:
             force += pressure_forces(x, controls.pressure)
         v = (now.velocities + h / net.node_mass * force) * np.exp(-net.drag * scene.drag * h)
-        at, speed = hermite(
-            k / steps,
-            scene.frame_dt,
-            old.colliders,
-            old.collider_velocities,
-            controls.colliders,
-            controls.collider_velocities,
-        )
+        at, speed = bodies_at(scene, old, controls, k / steps)
         for i, body in enumerate(scene.colliders):
             v = hit_ball(x, v, at[:, i, 0], speed[:, i, 0], body.radius, net.keep ** (1 / refine))
         now.positions, now.velocities = x + h * v, v
-        place, rate = hermite(
-            (k + 1) / steps,
-            scene.frame_dt,
-            from_x,
-            from_v,
-            controls.handle_positions,
-            controls.handle_velocities,
-        )
-        for array, value in ((now.positions, place), (now.velocities, rate)):
-            array.reshape(flat)[..., held] = value.transpose(0, 2, 1)
+        put_handles(scene, old, now, controls, (k + 1) / steps)
     now.colliders, now.collider_velocities = controls.colliders.copy(), controls.collider_velocities.copy()
     now.wind, now.pressure = controls.wind.copy(), controls.pressure.copy()
     now.time = old.time + scene.frame_dt

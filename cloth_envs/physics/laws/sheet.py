@@ -1,8 +1,7 @@
 """What the sheet itself does: springs, dashpots, bending, mass and weight.
 
-Arrays are ``(B, 3, H, W)`` as in ``State``; forces are in newtons, energies ``(B,)`` in joules. All is
-computed in float64, one vertex class at a time, with nothing saved or reused: read it, do not run it
-on anything large. ``materials`` holds one ``Material`` per member of the batch.
+Arrays are ``(B, 3, H, W)`` as in ``State``; forces are in newtons, energies ``(B,)`` in joules. ``materials`` holds one
+``Material`` per member of the batch.
 """
 
 from __future__ import annotations

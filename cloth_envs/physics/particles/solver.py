@@ -18,10 +18,6 @@ from cloth_envs.state import Controls, State
 NEIGHBOURS = np.array(
     [(0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1), (0, 2), (0, -2), (2, 0), (-2, 0)], np.int32
 )
-_KERNELS: dict[str, type[kernels.Particles32] | type[kernels.Particles64]] = {
-    "float32": kernels.Particles32,
-    "float64": kernels.Particles64,
-}
 
 
 @dataclass(frozen=True)
@@ -73,11 +69,7 @@ def mass_spring_cell(scene: Scene) -> Cell:
 
 
 def steps_a_frame(scene: Scene) -> int:
-    """How many steps of ``sim_dt`` a frame has.
-
-    Raises:
-        ValueError: it is no whole number.
-    """
+    """How many steps of ``sim_dt`` a frame has. Raises ValueError: it is no whole number."""
     count = scene.frame_dt / net_of(scene).sim_dt
     if abs(count - round(count)) > 1e-9 * count or round(count) < 1:
         raise ValueError(f"a frame of {scene.frame_dt:g} s has no whole number of steps of {net_of(scene).sim_dt:g} s")
@@ -92,7 +84,8 @@ def make_kernel(
     A step is ``v = exp(-drag h) (v + h (F + p sum r_a x r_b) / m)``, then balls, then ``x += h v`` (eq. 5).
     """
     net, steps = net_of(scene), steps_a_frame(scene) * refine
-    return _KERNELS[dtype](
+    kernel = kernels.Particles32 if dtype == "float32" else kernels.Particles64
+    return kernel(
         kernel_sheet(scene),
         neighbours=NEIGHBOURS,
         coefficients=np.ascontiguousarray(cell.coefficients, np.float64),
@@ -108,11 +101,7 @@ def make_kernel(
 class ParticleSolver(Solver):
     """Semi-implicit Euler at the particles' own step; handles and balls move on cubics through the frame.
 
-    Args:
-        scene: one with ``particles``.
-        num_envs: members of the batch.
-        threads: over members of the batch; results do not depend on it.
-        dtype: ``"float32"``, or ``"float64"`` for truth.
+    Args, beside those of ``Solver``:
         refine: divides the step (4 for truth); what a ball leaves of a velocity in the time is the same.
 
     Raises:

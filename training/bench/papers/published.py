@@ -23,7 +23,6 @@ from surrogates.checkpoint import WEIGHTS
 from training.bench.papers import runs
 from training.bench.papers.runs import READINGS, UNSCALED, UPSCALERS
 from training.bench.participants import Participant
-from training.upscaler.recipes import FACTORS, SCENES, Recipe
 from training.rows import Store
 from training.upscaler.recipes import FACTORS, SCENES, Recipe
 

@@ -16,7 +16,7 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
 import taichi as ti
 
-from cloth_envs.physics.explicit.stability import stable_step
+from cloth_envs.physics.explicit.solver import stable_step
 from cloth_envs.physics.laws.stencil import edges
 from cloth_envs.scene import Wind
 from cloth_envs.state import State
