@@ -23,8 +23,7 @@ from training.bench.clock import RUN_MS, RUNS, SLOW, TOO_SLOW, CostRow, costs
 from training.bench.measure import ERROR_KEY, HORIZONS, ErrorRow, Windows, errors, gather
 from training.bench.participants import FAMILIES, FLOOR, ORACLE, THREADED, Participant, extra, swept, truth
 from training.bench.speed_accuracy.chart import OVERVIEW_FRAMES, STEM, draw
-from training.bench.speed_accuracy.long import LongRow, gate_frames, long_runs
-from training.bench.speed_accuracy.rows import SpeedAccuracyRow, summaries, table
+from training.bench.speed_accuracy.rows import LongRow, SpeedAccuracyRow, gate_frames, long_runs, summaries, table
 from training.bench.speed_accuracy.speedup import SpeedUpRow, speedups
 from training.bench.speed_accuracy.speedup import table as speedup_table
 from training.rows import read_names
