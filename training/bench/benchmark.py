@@ -115,7 +115,7 @@ class Benchmark:
     known: Sequence[str] = tuple(SCENES)
     charts: Mapping[str, str] | None = None
     draw: Callable[[Mapping[str, list[Any]], Path, str], None] | None = None
-    options: Callable[[argparse.ArgumentParser], None] | None = None
+    options: Callable[[argparse.ArgumentParser], object] | None = None
 
     @property
     def header(self) -> str:

@@ -7,7 +7,6 @@ times are of one thread.
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import os
 from collections.abc import Sequence
@@ -128,10 +127,6 @@ def measure(session: Session) -> None:
     session.store(SPEEDUP).replace(speedups(rows))
 
 
-def _options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--families", help="of methods; default all: " + ", ".join(FAMILIES))
-
-
 BENCHMARK = Benchmark(
     name="speed-accuracy",
     about="Error against wall-clock time a frame, every method swept into a curve.",
@@ -155,5 +150,5 @@ BENCHMARK = Benchmark(
         **{f"{STEM}_{s.lower()}": f"{s}: errors against milliseconds a frame, by method" for s in SCENES},
     },
     draw=draw,
-    options=_options,
+    options=lambda parser: parser.add_argument("--families", help="of methods; default all: " + ", ".join(FAMILIES)),
 )  # fmt: skip
