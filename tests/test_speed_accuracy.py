@@ -20,8 +20,7 @@ from training.bench.benchmark import find
 from training.bench.clock import costs
 from training.bench.measure import Windows, errors, failed_by, gather
 from training.bench.participants import FAMILIES, Participant, label, truth
-from training.bench.speed_accuracy.long import long_runs, statistics
-from training.bench.speed_accuracy.rows import GATE, SpeedAccuracyRow, front, summaries
+from training.bench.speed_accuracy.rows import GATE, SpeedAccuracyRow, front, long_runs, statistics, summaries
 from training.rows import read_rows
 from training.truth import Case
 

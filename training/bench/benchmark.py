@@ -1,7 +1,7 @@
 """What a benchmark is: one description, which the command line, the report and the tests read.
 
-A room (``training/bench/<room>/``) holds ``rows.py`` (frozen dataclasses and the tables made of them), ``run.py`` (what
-measures them, and the ``BENCHMARK``) and, where there is one, ``chart.py`` (draws from rows only).
+One of over 250 lines is a room (``training/bench/<room>/``): ``rows.py`` (frozen dataclasses and the tables made of
+them), ``run.py`` (what measures them, and the ``BENCHMARK``) and, where there is one, ``chart.py`` (draws from rows).
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from cloth_envs.registry import SCENES
 from training.cache import cache_folder
 from training.rows import Store, read_names, read_rows
 
-# name on the command line -> "module:BENCHMARK", imported on use.
+# name on the command line -> the module whose BENCHMARK it is, imported on use.
 BENCHMARKS: dict[str, str] = {
-    "speed-accuracy": "training.bench.speed_accuracy.run:BENCHMARK",
-    "stability": "training.bench.stability.run:BENCHMARK",
-    "transfer": "training.bench.transfer.run:BENCHMARK",
-    "mesh": "training.bench.mesh:BENCHMARK",
-    "convergence": "training.bench.convergence:BENCHMARK",
-    "peers": "training.bench.peers.run:BENCHMARK",
-    "tables": "training.bench.papers.run:BENCHMARK",
-    "throughput": "training.bench.throughput:BENCHMARK",
+    "speed-accuracy": "training.bench.speed_accuracy.run",
+    "stability": "training.bench.stability.run",
+    "transfer": "training.bench.transfer.run",
+    "mesh": "training.bench.mesh",
+    "convergence": "training.bench.convergence",
+    "peers": "training.bench.peers.run",
+    "tables": "training.bench.papers.run",
+    "throughput": "training.bench.throughput",
 }
 
 
@@ -115,7 +115,7 @@ class Benchmark:
     known: Sequence[str] = tuple(SCENES)
     charts: Mapping[str, str] | None = None
     draw: Callable[[Mapping[str, list[Any]], Path, str], None] | None = None
-    options: Callable[[argparse.ArgumentParser], None] | None = None
+    options: Callable[[argparse.ArgumentParser], object] | None = None
 
     @property
     def header(self) -> str:
@@ -132,9 +132,7 @@ class Benchmark:
         top.add_argument("--chart-only", action="store_true", help="draw what --out holds, measure nothing")
         top.add_argument("--cache", type=Path, help="folder of what takes long to make (default: the user's caches)")
         top.add_argument("--fresh", action="store_true", help="measure again what --out holds")
-        top.add_argument(
-            "--backend", action="append", default=[], metavar="NAME[=JSON]", help="one more to measure; may repeat"
-        )
+        top.add_argument("--backend", action="append", default=[], metavar="NAME[=JSON]", help="one more; may repeat")
         if self.options:
             self.options(top)
         return top
@@ -181,8 +179,7 @@ def find(name: str) -> Benchmark:
     """
     if name not in BENCHMARKS:
         raise unknown_name("benchmark", name, BENCHMARKS)
-    module, attribute = BENCHMARKS[name].split(":")
-    found: Benchmark = getattr(import_module(module), attribute)
+    found: Benchmark = import_module(BENCHMARKS[name]).BENCHMARK
     return found
 
 

@@ -6,7 +6,6 @@ already are kept; --fresh measures again.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -226,10 +225,6 @@ def measure(session: Session) -> None:
                 store.add(converged(participant, case, limit, begin))
 
 
-def _options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--families", help="some of the solvers; default: all")
-
-
 BENCHMARK = Benchmark(
     name="convergence",
     about="How solvers approach one limit as they are refined, and how far nudged truths part.",
@@ -242,5 +237,5 @@ BENCHMARK = Benchmark(
         Part(f"Chaos floor: truth against itself nudged by {NUDGE:g} of the length [%]", (FLOORS,), chaos_table),
     ],
     measure=measure,
-    options=_options,
+    options=lambda parser: parser.add_argument("--families", help="some of the solvers; default: all"),
 )

@@ -7,7 +7,6 @@ times are of one thread.
 
 from __future__ import annotations
 
-import argparse
 import multiprocessing
 import os
 from collections.abc import Sequence
@@ -23,8 +22,7 @@ from training.bench.clock import RUN_MS, RUNS, SLOW, TOO_SLOW, CostRow, costs
 from training.bench.measure import ERROR_KEY, HORIZONS, ErrorRow, Windows, errors, gather
 from training.bench.participants import FAMILIES, FLOOR, ORACLE, THREADED, Participant, extra, swept, truth
 from training.bench.speed_accuracy.chart import OVERVIEW_FRAMES, STEM, draw
-from training.bench.speed_accuracy.long import LongRow, gate_frames, long_runs
-from training.bench.speed_accuracy.rows import SpeedAccuracyRow, summaries, table
+from training.bench.speed_accuracy.rows import LongRow, SpeedAccuracyRow, gate_frames, long_runs, summaries, table
 from training.bench.speed_accuracy.speedup import SpeedUpRow, speedups
 from training.bench.speed_accuracy.speedup import table as speedup_table
 from training.rows import read_names
@@ -129,10 +127,6 @@ def measure(session: Session) -> None:
     session.store(SPEEDUP).replace(speedups(rows))
 
 
-def _options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--families", help="of methods; default all: " + ", ".join(FAMILIES))
-
-
 BENCHMARK = Benchmark(
     name="speed-accuracy",
     about="Error against wall-clock time a frame, every method swept into a curve.",
@@ -156,5 +150,5 @@ BENCHMARK = Benchmark(
         **{f"{STEM}_{s.lower()}": f"{s}: errors against milliseconds a frame, by method" for s in SCENES},
     },
     draw=draw,
-    options=_options,
+    options=lambda parser: parser.add_argument("--families", help="of methods; default all: " + ", ".join(FAMILIES)),
 )  # fmt: skip

@@ -22,11 +22,7 @@ SOLVERS = ("explicit", "admm", "admm substeps", "implicit", "implicit substeps")
 COARSE = ("coarse bilinear", "coarse biquadratic", "miniature seed", "miniature similar", "similar + offset")
 FITTED = ("miniature calibrated", "calibrated + offset")
 # What a method is compared with -> families; each takes in those before.
-BASELINES = {
-    "solvers": SOLVERS,
-    "coarser grids": SOLVERS + COARSE,
-    "fitted springs": SOLVERS + COARSE + FITTED,
-}
+BASELINES = {"solvers": SOLVERS, "coarser grids": SOLVERS + COARSE, "fitted springs": SOLVERS + COARSE + FITTED}
 METHODS = (
     *("miniature calibrated", "calibrated ridge", "calibrated local", "miniature closure", "closure local"),
     *("closure learned", "cnn"),
@@ -102,9 +98,7 @@ def speedups(rows: Sequence[SpeedAccuracyRow]) -> list[SpeedUpRow]:
 def table(found: Sequence[SpeedUpRow]) -> str:
     """One line a method and horizon: the upper bound, in brackets the interpolated speed-up."""
     wide = max((len(label(f.family, f.options)) for f in found), default=0) + 2
-    lines = [
-        f"{'scene':11s}{'method':{wide}s}{'frames':>6s}" + "".join(f"{name:>18s}" for name in BASELINES),
-    ]
+    lines = [f"{'scene':11s}{'method':{wide}s}{'frames':>6s}" + "".join(f"{name:>18s}" for name in BASELINES)]
     cells = {(f.scene, f.family, f.options, f.frames, f.baselines): f for f in found}
     for row in {key[:4]: f for key, f in cells.items()}.values():
         at = [cells.get((row.scene, row.family, row.options, row.frames, name)) for name in BASELINES]

@@ -6,7 +6,6 @@ world and each failure names its reason. Rows that are in --out already are kept
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 from collections.abc import Sequence
@@ -79,10 +78,6 @@ def measure(session: Session) -> None:
             store.add(*rows_of((name, level, scene, seed), same, grid * coarse))
 
 
-def _options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--axes", default=",".join(AXES), help="default: all, " + ", ".join(AXES))
-
-
 BENCHMARK = Benchmark(
     name=STEM,
     about="Where methods fail: frames, materials, wind, bodies, grids, long and wild runs.",
@@ -93,5 +88,5 @@ BENCHMARK = Benchmark(
     scenes=("Curtain", "Flag"),
     charts={STEM: "Heat maps of the runs that passed and survived: a panel an axis, a line a method"},
     draw=draw,
-    options=_options,
+    options=lambda top: top.add_argument("--axes", default=",".join(AXES), help="default: all, " + ", ".join(AXES)),
 )

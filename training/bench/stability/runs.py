@@ -30,7 +30,6 @@ GAINED = 0.25  # of m g H: energy from nowhere, beyond what the truth's budget l
 STRAINED, LIVELY = 2.0, 2.0  # times the truth's strain and kinetic energy
 SPARE = 1.0  # J/kg of kinetic energy, beyond a multiple of the truth's
 DRIFT = 0.01  # of the sum of m |v| at the start: momentum from nowhere
-_FAILURES = {"non-finite": "blow-up", "overstretch": "overstretch", "energy": "energy"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,8 +122,8 @@ def run(backend: Backend | str, stage: Stage) -> Run:
     (reason,), states = found.failures, found.states
     if not reason or isinstance(backend, str):
         return Run(scene, states, reason, found.ms)
-    kind = "blow-up" if strains(scene.grid, states[-1].positions).max() > BURST else _FAILURES[reason.split(" at ")[0]]
-    return Run(scene, states[:-1], kind, found.ms)
+    kind, burst = reason.split(" at ")[0], strains(scene.grid, states[-1].positions).max() > BURST
+    return Run(scene, states[:-1], "blow-up" if burst or kind == "non-finite" else kind, found.ms)
 
 
 def truths(stage: Stage, seed: int) -> tuple[Run, Run]:
@@ -191,6 +190,7 @@ def score(found: Run, true: Run, near: Run, frames: int) -> Score:
         when[kind] = len(found.states) if kind != "refused" else 0, words or f"in frame {len(found.states)}"
     reason = next((name for name in REASONS if name in when), "")
     frame, detail = when.get(reason, (frames, ""))
+    # Of each the one that is farthest from 0.
     peaks = {"p99": p99, "p99_truth": p99_true, "drift": drift, "drift_truth": drift_true, "momentum": momentum}
     peaks |= {"kinetic": kinetic, "kinetic_truth": kinetic_true}
     deepest = penetration(scene, stack_states(found.states[:end]), thickness=0.0).max.max()
@@ -200,7 +200,7 @@ def score(found: Run, true: Run, near: Run, frames: int) -> Score:
         detail=detail,
         failed_at=frame * dt,
         ms=found.ms,
-        **{name: _largest(values) for name, values in peaks.items()},
+        **{name: float(v[abs(v).argmax()]) if np.isfinite(v).all() else float("nan") for name, v in peaks.items()},
         depth=float(deepest) if scene.colliders else float("nan"),
         tunnelled=int(passed[-1]),
         gate=fraction,
@@ -208,8 +208,3 @@ def score(found: Run, true: Run, near: Run, frames: int) -> Score:
         error=error,
         truth=true.failure if len(true.states) <= frames else "",
     )
-
-
-def _largest(values: np.ndarray) -> float:
-    """The one that is farthest from 0."""
-    return float(values[abs(values).argmax()]) if np.isfinite(values).all() else float("nan")

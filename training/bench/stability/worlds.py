@@ -157,10 +157,6 @@ def shot(base: Base, *, speed: float, radius: float) -> Stage:
     return replace(stage, scene=scene, start=start, controls=given)
 
 
-def _times(level: float) -> str:
-    return f"\u00d7{Fraction(level).limit_denominator(16)}"
-
-
 @dataclass(frozen=True)
 class Axis:
     """``levels`` and how a world is made of one; the ``scenes`` that it belongs to (none: all), the ``usual`` ones.
@@ -172,7 +168,7 @@ class Axis:
     levels: Sequence[float]
     make: Callable[[Base, float], Stage]
     scenes: Sequence[str] = ()
-    label: Callable[[float], str] = _times
+    label: Callable[[float], str] = lambda level: f"\u00d7{Fraction(level).limit_denominator(16)}"
     cut: bool = False
     usual: Sequence[str] = ("Curtain", "Flag")
 
