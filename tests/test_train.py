@@ -17,7 +17,7 @@ from surrogates.upscale.published import Mlp
 from training.fit import Kept
 from training.generate import Plan, generate
 from training.upscaler.data import Pairs, read, shards
-from training.upscaler.recipes import RECIPES, SCENES, SHAPES, Recipe, weights_name
+from training.upscaler.recipes import RECIPES, SCENES, SHAPES, Recipe
 from training.upscaler.train import Scaling, errors, train
 
 Stopped = Callable[[int], AbstractContextManager[object]]
@@ -119,4 +119,3 @@ def test_recipes_cover_the_paper() -> None:
     wanted |= {Recipe(scene, factor) for scene in SCENES for factor in (2, 3, 4)}
     wanted |= {Recipe("Flag", features=features) for features in ("positions", "velocities", "frames")}
     assert wanted <= set(RECIPES.values())
-    assert weights_name("fc-flag-2") == "fc_flag_2"

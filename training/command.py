@@ -18,29 +18,29 @@ from training.rows import read_names
 Recipe = TypeVar("Recipe")
 
 
-def parser_of(name: str, about: str | None, recipe: type, options: Mapping[str, str]) -> ArgumentParser:
-    """Of ``minicloth train <name>``: scenes, folders, and these ``options`` of the recipe with what they are."""
+def read(
+    name: str, about: str | None, recipe: type[Recipe], options: Mapping[str, str], argv: Sequence[str] | None,
+    *, factors: Sequence[int] = (), flag: tuple[str, str] | None = None,
+) -> tuple[Namespace, Recipe]:  # fmt: skip
+    """The command line of ``minicloth train <name>``, and the recipe that it tells by ``options`` (what they are).
+
+    Raises:
+        ValueError: an unknown scene.
+    """
     parser = ArgumentParser(prog=f"minicloth train {name}", description=about)
     parser.add_argument("--scenes", nargs="*", default=list(SCENES))
+    if factors:
+        parser.add_argument("--factors", nargs="*", type=int, default=list(factors), choices=[2, 3, 4])
+    if flag:
+        parser.add_argument(flag[0], action="store_true", help=flag[1])
     for option, text in options.items():
         default = getattr(recipe, option)
         parser.add_argument(f"--{option}", type=type(default), default=default, help=f"{text} (default {default})")
     parser.add_argument("--out", type=Path, default=WEIGHTS, help="folder of the weights")
     parser.add_argument("--cache", type=Path, default=cache_folder(name.replace("-", "_")), help="folder of the data")
-    return parser
-
-
-def read(
-    parser: ArgumentParser, argv: Sequence[str] | None, recipe: type[Recipe], options: Mapping[str, str]
-) -> tuple[Namespace, Recipe]:
-    """What the command line says, and its recipe.
-
-    Raises:
-        ValueError: an unknown scene.
-    """
     given = parser.parse_args(argv)
     given.scenes = read_names(",".join(given.scenes), list(SCENES), "scene")
-    return given, recipe(**{name: getattr(given, name) for name in options})
+    return given, recipe(**{option: getattr(given, option) for option in options})
 
 
 def is_done(name: str, factor: int, settings: Mapping[str, Any], out: Path) -> bool:

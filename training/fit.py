@@ -49,12 +49,7 @@ class Best:
 
 @dataclass(frozen=True)
 class Kept:
-    """Where a training is kept meanwhile, and after its last step.
-
-    Attributes:
-        path: of the file. mark: text that tells recipe and data.
-        every: steps from one writing to the next.
-    """
+    """Where a training is kept after every so many steps and the last one; ``mark`` tells its recipe and data."""
 
     path: Path
     mark: str
@@ -91,11 +86,9 @@ def fit(
 ) -> float:
     """Change ``net`` by Adam until ``steps`` are done. Returns the processor's seconds for all of them.
 
-    Args:
-        net: parameters that require no gradient stay as they are.
-        loss: of a step. Its batch follows from the step's number and from ``rng``, the generator that it draws from.
-        label: of the progress bar. clip: largest norm of a gradient. kept: where to go on.
-        best: whose weights are left in the end, instead of the last ones.
+    ``loss`` is of a step: its batch follows from the step's number and from ``rng``, the generator that it draws from.
+    ``label`` is of the progress bar, ``clip`` the largest norm of a gradient, ``kept`` where to go on; the weights of
+    ``best`` are left in the end instead of the last ones. Parameters that require no gradient stay as they are.
 
     Raises:
         ValueError: ``kept`` is of another training.

@@ -107,11 +107,7 @@ def miniature_runs(plan: Plan, run: Recording, factor: int) -> np.ndarray:
 
 
 def write_shard(plan: Plan, folder: Path, index: int) -> None:
-    """Simulate one trajectory and store it; the file appears under its name only when it is whole.
-
-    Raises:
-        ValueError: the teacher failed.
-    """
+    """Simulate one trajectory and store it; the file appears under its name only when it is whole."""
     path, own = folder / f"{index:05d}.h5", draw(plan, index)
     rng = np.random.default_rng((plan.seed, index, 1))
     run = simulate(task_of(plan.scene, plan.preset, own), plan.preset, rng, plan.frames, own.push)
@@ -121,9 +117,8 @@ def write_shard(plan: Plan, folder: Path, index: int) -> None:
         file["positions"] = positions
         for factor in plan.factors:
             file[f"real/{factor}"] = miniature_runs(plan, run, factor)
-        file.attrs.update(
-            plan=plan.text(), index=index, sha256=hashlib.sha256(positions.tobytes()).hexdigest(), **asdict(own)
-        )
+        sha256 = hashlib.sha256(positions.tobytes()).hexdigest()
+        file.attrs.update(plan=plan.text(), index=index, sha256=sha256, **asdict(own))
     part.replace(path)
 
 

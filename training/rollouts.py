@@ -147,7 +147,7 @@ def _stacked(batches: Sequence[State] | Sequence[Controls]) -> dict[str, np.ndar
 
 @dataclass(frozen=True)
 class FramePairs:
-    """N frames of a scene: the cloths ``before`` each, its ``controls``, the cloths ``after``, and ``materials``."""
+    """N frames of a scene, each with its material: the cloths before, its controls, the cloths after."""
 
     scene: Scene
     before: State

@@ -51,20 +51,18 @@ def case(name: str) -> Case:
     return Case(world.scene, world.state.astype(np.float64), world.task.controls(world.episode))
 
 
-class Links(NamedTuple):
-    """Neighbour numbers ``(12, n)`` of some vertices (their own where one is missing) and ``exists``, 0 or 1."""
-
-    vertices: np.ndarray
-    neighbours: np.ndarray
-    exists: np.ndarray
+Links = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def links(rows: int, cols: int, vertices: np.ndarray) -> Links:
-    """The 12 neighbours of ``vertices`` on a grid with borders."""
+    """``vertices``, their 12 neighbours ``(12, n)`` on a grid with borders, and whether these exist, 0 or 1.
+
+    A vertex stands for its own missing neighbours.
+    """
     r, c = np.divmod(vertices, cols)
     down, right = r + NEIGHBOURS[:, :1], c + NEIGHBOURS[:, 1:]
     exists = (down >= 0) & (down < rows) & (right >= 0) & (right < cols)
-    return Links(vertices, np.where(exists, down * cols + right, vertices), exists.astype(float))
+    return vertices, np.where(exists, down * cols + right, vertices), exists.astype(float)
 
 
 def design(x: np.ndarray, v: np.ndarray, at: Links, *, vector: bool = True) -> np.ndarray:
@@ -73,8 +71,8 @@ def design(x: np.ndarray, v: np.ndarray, at: Links, *, vector: bool = True) -> n
     These are what the branches sum (eqs 6-7), ``d``, ``n`` and ``(w . n) n``. With ``vector`` false the ISRU and the
     product are taken per component: the ablation, which knows no length of ``d``.
     """
-    own, n = at.vertices, len(at.vertices)
-    d, w = ((a[:, at.neighbours] - a[:, None, own]) * at.exists for a in (x, v))
+    (own, neighbours, exists), n = at, len(at[0])
+    d, w = ((a[:, neighbours] - a[:, None, own]) * exists for a in (x, v))
     if vector:
         unit = d / np.sqrt((d * d).sum(0) + EPS)
         rate = (w * unit).sum(0) * unit
@@ -150,7 +148,7 @@ def sums(name: str, states: int, vertices: int, folder: Path) -> Sums:
         for x, v, a, drawn in samples(given, STEPS, chosen, vertices, np.random.default_rng(0)):
             found.append([])
             for at, weight in ((links(*shape, drawn), share), (links(*shape, pins), 1.0)):
-                block = np.concatenate([design(x, v, at), a[:, at.vertices].reshape(1, -1)])
+                block = np.concatenate([design(x, v, at), a[:, at[0]].reshape(1, -1)])
                 found[-1].append(weight * (block @ block.T))
         free, pinned = zip(*found, strict=True)
         return {"free": np.stack(free), "pinned": np.stack(pinned)}

@@ -26,7 +26,7 @@ class Run(NamedTuple):
     nudge: float = 0.0
 
 
-def errors(name: str, runs: Mapping[str, Run], steps: int = STEPS) -> dict[str, list[float]]:
+def errors(name: str, runs: Mapping[str, Run], steps: int = STEPS) -> dict[str, tuple[float, float, float, float]]:
     """Every run against the simulator in float64: |dx| until 0.25 s, 0.5 s and the end, mean distance [% of 1 m].
 
     The cell's numbers are dimensionless: they serve the ball's stiffer particles as well.
@@ -49,7 +49,7 @@ def errors(name: str, runs: Mapping[str, Run], steps: int = STEPS) -> dict[str, 
     for truth, *found in zip(positions(law, "float64", given.start), *animations.values(), strict=True):
         gaps = [x - truth for x in found]
         largest.append([float(abs(gap).max()) for gap in gaps])
-    ends = [min(steps, round(t / dt)) for t in (0.25, 0.5)] + [steps]
+    quarter, half = (min(steps, round(t / dt)) for t in (0.25, 0.5))
     means = [float(np.sqrt((gap**2).sum(1)).mean()) for gap in gaps]
     told = zip(runs, zip(*largest, strict=True), means, strict=True)
-    return {run: [*(100 * max(sizes[:end]) for end in ends), 100 * mean] for run, sizes, mean in told}
+    return {run: (100 * max(a[:quarter]), 100 * max(a[:half]), 100 * max(a), 100 * mean) for run, a, mean in told}

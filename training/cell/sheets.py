@@ -80,8 +80,7 @@ class Identified(NamedTuple):
 def data(name: str, seed: int, frames: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """Columns ``(17, R)`` and accelerations ``(R,)`` of states on an episode with smooth actions."""
     run = Case(name, seed, truth="plain").record(max(frames), frames)
-    substeps = int(ExplicitSolver(run.scene).substeps[0])
-    blocks, wanted = [], []
+    substeps, blocks, wanted = int(ExplicitSolver(run.scene).substeps[0]), [], []
     for frame in frames:
         state = run.states[frame]
         blocks.append(columns(run.scene, *(a[0].reshape(3, -1) for a in (state.positions, state.velocities))))

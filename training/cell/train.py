@@ -38,7 +38,7 @@ from training.cell.solve import (
     rows,
     train,
 )  # fmt: skip
-from training.command import parser_of, read
+from training.command import read
 from training.fit import Kept
 
 CLOSED_FORM = "least_squares"
@@ -140,10 +140,8 @@ def sheet(name: str, out: Path) -> None:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Train the cells. Returns the exit code."""
-    options = {"epochs": "of the first stage"}
-    parser = parser_of("physics-cnn", __doc__, Recipe, options)
-    parser.add_argument("--no-particles", action="store_true", help="sheets only")
-    given, recipe = read(parser, argv, Recipe, options)
+    options, flag = {"epochs": "of the first stage"}, ("--no-particles", "sheets only")
+    given, recipe = read("physics-cnn", __doc__, Recipe, options, argv, flag=flag)
     torch.set_num_threads(1)
     if not given.no_particles:
         particles(recipe, given.out, given.cache)

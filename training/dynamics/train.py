@@ -21,7 +21,7 @@ from surrogates.miniature.closure import load_factors
 from surrogates.miniature.coarse import CoarsePhysics
 from surrogates.miniature.correction import ARRAYS, LAYERS, Correction, weights_name
 from training.cache import digest
-from training.command import is_done, keep, parser_of, read
+from training.command import is_done, keep, read
 from training.dynamics.data import FRAMES, SETTLE, Course, Episodes, episodes
 from training.fit import Best, Kept, cosine, fit
 
@@ -197,9 +197,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Train the corrections. Returns the exit code."""
     options = {"seeds": "of episodes", "warm": "steps on frames", "steps": "on windows", "hidden": "units a layer"}
     options |= {"memory": "of gradients from frame to frame"}
-    parser = parser_of("dynamics", __doc__, Recipe, options)
-    parser.add_argument("--factors", nargs="*", type=int, default=[2, 4], choices=[2, 3, 4])
-    given, recipe = read(parser, argv, Recipe, options)
+    given, recipe = read("dynamics", __doc__, Recipe, options, argv, factors=(2, 4))
     for scene in given.scenes:
         train(scene, given.factors, recipe, given.out, given.cache)
     return 0

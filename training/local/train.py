@@ -31,7 +31,7 @@ from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
 from surrogates.upscale.local import Local, Ridge, weights_name
 from surrogates.upscale.local_features import LIMIT, flat_features
 from training.cache import digest
-from training.command import is_done, keep, parser_of, read
+from training.command import is_done, keep, read
 from training.fit import Kept, cosine, fit
 from training.generate import data_folder
 from training.local.data import (
@@ -195,10 +195,8 @@ def published(scene: str, recipe: Recipe) -> None:
 def main(argv: Sequence[str] | None = None) -> int:
     """Train both upscalers. Returns the exit code."""
     options = {"steps": "of Adam", "scaling": "of the miniature"}
-    parser = parser_of("local", __doc__, Recipe, options)
-    parser.add_argument("--factors", nargs="*", type=int, default=list(FACTORS), choices=FACTORS)
-    parser.add_argument("--published", action="store_true", help=f'learn from trajectories of preset "{PRESET}"')
-    given, recipe = read(parser, argv, Recipe, options)
+    flag = "--published", f'learn from trajectories of preset "{PRESET}"'
+    given, recipe = read("local", __doc__, Recipe, options, argv, factors=FACTORS, flag=flag)
     for scene in given.scenes:
         if given.published:
             published(scene, recipe)

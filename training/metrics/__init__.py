@@ -14,12 +14,7 @@ from training.metrics import contact, detail, errors
 def at_frame(
     scene: Scene, state: State, truth: State, *, span: np.ndarray | float, factor: float = 2
 ) -> dict[str, np.ndarray]:
-    """What one frame tells, each ``(B,)``.
-
-    Args:
-        span: of the truth's displacements [m], for PSNR (``errors.displacement_span``).
-        factor: of the coarse grid whose Nyquist wave bounds ``detail_ratio``.
-    """
+    """What one frame tells, each ``(B,)``: PSNR with ``span`` [m], ``detail_ratio`` for a grid ``factor`` coarser."""
     grid, x, y = scene.grid, state.positions, truth.positions
     vertex, depth = errors.vertex_error(x, y, grid.length), contact.inside(scene, state)
     return {

@@ -23,7 +23,6 @@ from training.cache import digest
 from training.generate import HELD_OUT_EVERY
 
 PAST = 2  # frames before the first one that is upscaled
-INPUTS = ("oracle", "real", "triangles")
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,6 @@ class Trajectory:
     frame_dt: float
     mass: float
     spring: float
-    index: int
 
 
 def shards(folder: Path, *, held_out: bool) -> list[Path]:
@@ -57,8 +55,7 @@ def shards(folder: Path, *, held_out: bool) -> list[Path]:
 def read(path: Path, factor: int) -> Trajectory:
     """One shard, with the miniature runs at ``factor``."""
     with h5py.File(path) as file:
-        about = file.attrs
-        own = float(about["frame_dt"]), float(about["mass"]), float(about["spring"]), int(about["index"])
+        own = (float(file.attrs[name]) for name in ("frame_dt", "mass", "spring"))
         return Trajectory(file["positions"][:], file[f"real/{factor}"][:], *own)
 
 
@@ -72,7 +69,7 @@ def data_hash(paths: Sequence[Path]) -> str:
 
 
 class Pairs:
-    """Features (one of ``FEATURES``) and targets of all patches of some trajectories; ``inputs`` is one of ``INPUTS``.
+    """Features (one of ``FEATURES``) and targets of all patches of some trajectories; ``inputs`` as above.
 
     Every position is kept once, frames one after the other with their vertices flat: ``_source``, where features come
     from, and ``_target``. ``_now`` and ``_then`` are the numbers that a frame has in the two.

@@ -27,7 +27,7 @@ class Recipe:
     scene: str
     factor: int = 2
     preset: str = "lee2019"
-    inputs: str = "oracle"  # of upscaler.data.INPUTS
+    inputs: str = "oracle"  # or "real", "triangles": see upscaler.data
     features: str = "frames"  # or "positions", "velocities"
     layers: int = 4  # hidden ones: U of U*FC-V
     width: int = 64  # V
@@ -59,11 +59,6 @@ def _recipes() -> Iterator[tuple[str, Recipe]]:
 RECIPES = dict(_recipes())
 # Those whose weights the package holds.
 SHIPPED = {f"{kind}-{scene.lower()}-{factor}" for kind in ("fc", "hdnn") for scene in SCENES for factor in FACTORS}
-
-
-def weights_name(name: str) -> str:
-    """Of recipe ``name``'s weights."""
-    return name.replace("-", "_")
 
 
 def work_folder() -> Path:

@@ -27,7 +27,7 @@ from surrogates.upscale.published import Mlp
 from training.fit import Kept, cosine, fit
 from training.generate import data_folder
 from training.upscaler.data import Pairs, data_hash, read, shards
-from training.upscaler.recipes import RECIPES, SHIPPED, Recipe, weights_name, work_folder
+from training.upscaler.recipes import RECIPES, SHIPPED, Recipe, work_folder
 
 PROBE = 100_000  # pairs for the statistics, and for the errors of the card
 LEAST_VARIANCE = 1e-7  # of a principal component that is whitened, over the largest one's
@@ -144,6 +144,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         "licence": "MIT",
         **header(),
     }
-    save(weights_name(name), arrays, card, options.out or (WEIGHTS if name in SHIPPED else work / "weights"))
+    save(name.replace("-", "_"), arrays, card, options.out or (WEIGHTS if name in SHIPPED else work / "weights"))
     print(json.dumps({"seconds": card["seconds"], **card["errors"]["held out"]}))
     return 0
