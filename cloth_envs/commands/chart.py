@@ -21,10 +21,7 @@ def _two_and_five(value: float, _: int) -> str:
 
 
 def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: str) -> None:
-    """Write the chart to each of ``paths`` (``.png``, ``.svg``).
-
-    Args:
-        horizon: frames after a restart from the truth at which the error is taken, one of the comparison's.
+    """Write the chart of errors ``horizon`` frames after a restart from the truth to ``paths`` (``.png``, ``.svg``).
 
     Entries that failed within the horizon, or don't differ from the truth, are named below the chart instead.
     """
