@@ -202,10 +202,7 @@ class Collision2019(Lee2019, Collision):
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
-        hung = super().build_scene(grid, material)
-        return Scene(
-            "Collision", grid, material, cls.frame_dt, handles=tuple(range(grid.cols)), colliders=hung.colliders
-        )
+        return replace(super().build_scene(grid, material), handles=tuple(range(grid.cols)))
 
     def path(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where the ball would be at ``time`` ``(B,)`` and how fast, ``(B, 3)`` [m] and [m/s]."""
