@@ -16,27 +16,19 @@ class Particles:
     Every particle weighs the same, on the border too, and every spring has the same constants, so what the
     net does depends on its resolution: it is no model of a sheet as ``Material`` is.
 
-    Attributes:
-        node_mass: of a particle [kg].
-        stiffness: Y [N]; a spring of rest length L pulls with ``Y (|r| / L - 1)``.
-        dashpot: of a spring, along it [N s/m].
-        drag: rate at which still air slows a particle [1/s].
-        keep: what a step inside a ball leaves of the velocity relative to the ball; an inward one is removed
-            before. It stands for both friction and restitution.
-        sim_dt: the step that the settings belong to [s].
-        spacing: of the square grid that the settings belong to [m].
-
     Raises:
         ValueError: a value that is not finite, negative, or (mass, stiffness, step, spacing) not positive.
     """
 
-    node_mass: float = 1.0
-    stiffness: float = 1e4
-    dashpot: float = 3e4 / 128
-    drag: float = 3.0
+    node_mass: float = 1.0  # of a particle [kg]
+    stiffness: float = 1e4  # Y [N]; a spring of rest length L pulls with ``Y (|r| / L - 1)``
+    dashpot: float = 3e4 / 128  # of a spring, along it [N s/m]
+    drag: float = 3.0  # rate at which still air slows a particle [1/s]
+    # What a step inside a ball leaves of the velocity relative to the ball; an inward one is removed before. It stands
+    # for both friction and restitution.
     keep: float = 0.95
-    sim_dt: float = 3.125e-4
-    spacing: float = 1 / 128
+    sim_dt: float = 3.125e-4  # the step that the settings belong to [s]
+    spacing: float = 1 / 128  # of the square grid that the settings belong to [m]
 
     def __post_init__(self) -> None:
         for field in fields(self):

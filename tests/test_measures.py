@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cloth_envs.scenes import drives, measures
-from cloth_envs.scenes.measures import TWINS
+from cloth_envs.scenes.compiled import TWINS
 
 BATCH, ROWS, COLS = 3, 5, 4
 # Sums of at most 20 float64 numbers of size 1: each addition rounds by at most eps, so 20 eps; 10 times that for the

@@ -21,14 +21,10 @@ def _two_and_five(value: float, _: int) -> str:
 
 
 def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: str) -> None:
-    """Write the chart to each of ``paths`` (``.png``, ``.svg``).
-
-    Args:
-        horizon: frames after a restart from the truth at which the error is taken, one of the comparison's.
+    """Write the chart of errors ``horizon`` frames after a restart from the truth to ``paths`` (``.png``, ``.svg``).
 
     Entries that failed within the horizon, or don't differ from the truth, are named below the chart instead.
     """
-    figure_class = import_figure()
     column = comparison.horizons.index(horizon)
     shown = [r for r in comparison.results if np.isfinite(r.errors[:, column]).all() and r.errors[:, column].min() > 0]
     left_out = [
@@ -37,7 +33,7 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
         if not any(r is s for s in shown)
     ]
     curves = list(dict.fromkeys(r.entry.curve for r in comparison.results))
-    figure = figure_class(figsize=(WIDTH, HEIGHT), layout="constrained")
+    figure = import_figure()(figsize=(WIDTH, HEIGHT), layout="constrained")
     axes = figure.add_subplot()
     axes.set_xscale("log")
     axes.set_yscale("log")
@@ -86,10 +82,8 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(colors=INK, which="both")
-    count = len(comparison.starts)
-    note = (
-        f"{setup}. {machine()}.\nBars: quartiles of the time; range of the error over {count} restarts from the truth."
-    )
+    note = f"{setup}. {machine()}.\nBars: quartiles of the time; range of the error over "
+    note += f"{len(comparison.starts)} restarts from the truth."
     if left_out:
         note += f"\nNot shown: {', '.join(left_out)}."
     figure.text(0.0, -0.01, note, fontsize=7.5, color=INK, va="top", ha="left")

@@ -53,11 +53,7 @@ class Entry:
 
 
 def read_resolution(text: str) -> tuple[int, int]:
-    """``"33x49"`` as ``(33, 49)``.
-
-    Raises:
-        ValueError: another form.
-    """
+    """``"33x49"`` as ``(33, 49)``. Raises ValueError: another form."""
     match = re.fullmatch(r"(\d+)\s*[xX]\s*(\d+)", text.strip())
     if match is None:
         raise ValueError(f"a resolution is written ROWSxCOLS, such as 33x49, got {text!r}")

@@ -47,25 +47,15 @@ class Timed:
 
 @dataclass
 class Result:
-    """What one entry did.
-
-    Attributes:
-        errors: mean vertex distance from the truth over the cloth's length, ``(starts, horizons)``; NaN after a
-            failure.
-        heights: absolute difference of the mean height over the cloth's length, of the same shape.
-        states: the free run, one state a frame, the start first.
-        divergence: mean error over the free run.
-        failure: why and when the free run failed, or None.
-        seconds: wall-clock time of every timed frame.
-    """
+    """What one entry did; errors are over the cloth's length, ``(starts, horizons)``, NaN after a failure."""
 
     entry: Entry
-    errors: np.ndarray
-    heights: np.ndarray
-    states: list[State]
-    divergence: float
-    failure: str | None
-    seconds: list[float] = field(default_factory=list)
+    errors: np.ndarray  # mean vertex distance from the truth
+    heights: np.ndarray  # absolute difference of the mean height
+    states: list[State]  # the free run, one state a frame, the start first
+    divergence: float  # mean error over the free run
+    failure: str | None  # why and when the free run failed
+    seconds: list[float] = field(default_factory=list)  # wall-clock time of every timed frame
 
     @property
     def ms(self) -> tuple[float, float, float]:

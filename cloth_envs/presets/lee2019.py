@@ -83,11 +83,6 @@ def sheet(task: type[Task], options: Mapping[str, float]) -> Material:
     )
 
 
-def upper_row(grid: Grid) -> tuple[int, ...]:
-    """Vertices of the first row."""
-    return tuple(range(grid.cols))
-
-
 class Curtain2019(Lee2019, Curtain):
     """
     ## Description
@@ -115,7 +110,7 @@ class Curtain2019(Lee2019, Curtain):
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
-        return Scene("Curtain", grid, material, cls.frame_dt, handles=upper_row(grid))
+        return Scene("Curtain", grid, material, cls.frame_dt, handles=tuple(range(grid.cols)))
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid
@@ -207,8 +202,7 @@ class Collision2019(Lee2019, Collision):
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
-        hung = super().build_scene(grid, material)
-        return Scene("Collision", grid, material, cls.frame_dt, handles=upper_row(grid), colliders=hung.colliders)
+        return replace(super().build_scene(grid, material), handles=tuple(range(grid.cols)))
 
     def path(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where the ball would be at ``time`` ``(B,)`` and how fast, ``(B, 3)`` [m] and [m/s]."""

@@ -29,13 +29,8 @@ PATHS = {
 }
 
 
-def scene_to_json(scene: Scene) -> str:
-    """The whole scene but its handles, which have a dataset of their own."""
-    return json.dumps({name: value for name, value in asdict(scene).items() if name != "handles"})
-
-
 def scene_from_json(text: str, handles: tuple[int, ...]) -> Scene:
-    """The scene that ``scene_to_json`` wrote; needs no registry, so scenes of other packages load too."""
+    """The scene that ``lay_out`` wrote; needs no registry, so scenes of other packages load too."""
     parts = json.loads(text)
     parts["grid"], parts["material"] = Grid(**parts["grid"]), Material(**parts["material"])
     parts["wind"] = parts["wind"] and Wind(**parts["wind"])
@@ -53,7 +48,7 @@ def lay_out(file: h5py.File, scene: Scene, *, dtype: np.dtype, chunk: int, actio
     grid, bodies = scene.grid, len(scene.colliders)
     file.attrs.update(
         layout_version=LAYOUT_VERSION,
-        scene=scene_to_json(scene),
+        scene=json.dumps({name: value for name, value in asdict(scene).items() if name != "handles"}),
         env_spec=env_spec,
         package_version=__version__,
         units=UNITS,

@@ -25,20 +25,6 @@ def refined(positions: np.ndarray, least: int = 5_000) -> np.ndarray:
     return positions.reshape(3, -1).T
 
 
-def tiles(pv: Any, centre: tuple[float, float, float], radius: float) -> Any:
-    """Lines every ``TILE`` metres on the ground that fade out ``radius`` [m] from ``centre``."""
-    count = 2 * int(np.ceil(radius / TILE))
-    middle = (*(np.rint(np.array(centre[:2]) / TILE) * TILE), centre[2])
-    side = count * TILE
-    plane = pv.Plane(center=middle, i_size=side, j_size=side, i_resolution=count, j_resolution=count)
-    lines = plane.extract_all_edges()
-    away = np.linalg.norm(lines.points - centre, axis=1) / radius
-    rgba = np.empty((lines.n_points, 4), np.uint8)
-    rgba[:, :3], rgba[:, 3] = LINE, 255 * np.clip(1 - away, 0, 1) ** 2
-    lines.point_data["rgba"] = rgba
-    return lines
-
-
 class Ground:
     """A level square under ``box`` ``(2, 3)`` [m], lit from the left of a camera in direction ``view``.
 
@@ -62,9 +48,16 @@ class Ground:
         at = (*centre[:2], self.height)
         plane = pv.Plane(center=at, i_size=self.side, j_size=self.side, i_resolution=1, j_resolution=1)
         self.actor = plotter.add_mesh(plane, texture=texture, lighting=False)
-        self.tiles = plotter.add_mesh(
-            tiles(pv, at, 3.0 * extent), scalars="rgba", rgb=True, lighting=False, line_width=1.2
-        )
+        radius = 3.0 * extent  # at which the lines have faded out
+        count = 2 * int(np.ceil(radius / TILE))
+        middle, side = (*(np.rint(centre[:2] / TILE) * TILE), self.height), count * TILE
+        lines = pv.Plane(center=middle, i_size=side, j_size=side, i_resolution=count, j_resolution=count)
+        lines = lines.extract_all_edges()
+        away = np.linalg.norm(lines.points - at, axis=1) / radius
+        rgba = np.empty((lines.n_points, 4), np.uint8)
+        rgba[:, :3], rgba[:, 3] = LINE, 255 * np.clip(1 - away, 0, 1) ** 2
+        lines.point_data["rgba"] = rgba
+        self.tiles = plotter.add_mesh(lines, scalars="rgba", rgb=True, lighting=False, line_width=1.2)
         floor = pv.Plane(center=at, i_size=10 * extent, j_size=10 * extent, i_resolution=1, j_resolution=1)
         self.solid = plotter.add_mesh(floor, color=look.FLOOR)
         self.solid.visibility = False

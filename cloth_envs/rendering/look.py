@@ -33,15 +33,6 @@ def level_axes(view: np.ndarray) -> np.ndarray:
     return np.stack([np.cross([0.0, 0.0, 1.0], towards), towards, [0.0, 0.0, 1.0]])
 
 
-def lights(pv: Any, view: np.ndarray) -> list[Any]:
-    """Key, fill and rim light around the vertical, as seen along ``view`` ``(3,)``, scene to camera."""
-    axes = level_axes(view)
-    return [
-        pv.Light(position=tuple(np.array(at) @ axes), focal_point=(0, 0, 0), color=color, intensity=power)
-        for at, color, power in LIGHTS
-    ]
-
-
 def smooth_edges(renderer: Any) -> None:
     """FXAA, the cheapest antialiasing on a CPU (MSAA and supersampling cost 2-3 times as much).
 

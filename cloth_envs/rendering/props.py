@@ -14,21 +14,13 @@ from cloth_envs.scene import Scene
 
 @dataclass
 class Part:
-    """A mesh that follows the handles.
+    """A mesh that follows the handles."""
 
-    Attributes:
-        mesh: ``pyvista.PolyData`` with its points ``(P, 3)`` [m] where the handles were at first.
-        color: its colour.
-        owner: ``(P,)`` the handle that each point moves with, or None for their mean motion.
-        along: unit vector ``(3,)`` of a direction in which it does not follow, or None.
-        options: more options for ``Plotter.add_mesh``.
-    """
-
-    mesh: Any
+    mesh: Any  # ``pyvista.PolyData`` with its points ``(P, 3)`` [m] where the handles were at first
     color: str
-    owner: np.ndarray | None = None
-    along: np.ndarray | None = None
-    options: dict[str, Any] = field(default_factory=dict)
+    owner: np.ndarray | None = None  # ``(P,)`` the handle that each point moves with, or None for their mean motion
+    along: np.ndarray | None = None  # unit vector ``(3,)`` of a direction in which it does not follow, or None
+    options: dict[str, Any] = field(default_factory=dict)  # more of them for ``Plotter.add_mesh``
 
     def __post_init__(self) -> None:
         self.rest = np.array(self.mesh.points, np.float32)

@@ -20,7 +20,6 @@ class View:
     """The actors for ``scene`` in the active subplot of ``plotter``.
 
     Args:
-        pv, plotter: the PyVista module and its plotter.
         scene: what is drawn, on the grid of the states that will come.
         state, member: what is drawn first; what holds the cloth is built around its handles.
         box: low and high corner ``(2, 3)`` [m] of what may be occupied; its bottom is the ground.
@@ -49,7 +48,9 @@ class View:
         self.camera.view_angle, self.camera.up = framing.VIEW_ANGLE, camera.up
         view = np.subtract(camera.position, camera.focal_point)
         plotter.set_background(look.FLOOR, top=look.SKY)
-        for light in look.lights(pv, view):
+        for at, color, power in look.LIGHTS:  # around the vertical
+            place = tuple(np.array(at) @ look.level_axes(view))
+            light = pv.Light(position=place, focal_point=(0, 0, 0), color=color, intensity=power)
             plotter.add_light(light, only_active=True)
         self.ground = Ground(pv, plotter, box, view)
         self.sheet = Sheet(pv, plotter, scene.grid, strain_range)

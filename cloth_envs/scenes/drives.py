@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cloth_envs.scenes.measures import compiled
+from cloth_envs.scenes.compiled import compiled
 
 GUST_TONES = 4
 

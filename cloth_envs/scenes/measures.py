@@ -1,31 +1,13 @@
 """What rewards and observations are made of: batched, with sums in float64.
 
-Fields are ``(B, 3, H, W)``, vertices int32 numbers into the flat grid. The NumPy source of a ``compiled`` function is
-what to read, its compiled copy is what runs.
+Fields are ``(B, 3, H, W)``, vertices int32 numbers into the flat grid.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeVar
-
-import _minicloth_kernels as kernels
 import numpy as np
 
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-TWINS: dict[str, Callable[..., Any]] = {}  # name -> the NumPy source, for the test that both agree
-
-
-def compiled(twin: Function) -> Function:
-    """Put the kernel of the same name in the place of ``twin``.
-
-    Only for what an environment's step is measured to need (``minicloth bench throughput``, column ``repeated``: 23 to
-    30 us a step on an AVX-512 processor): a comment beside each says how many microseconds its NumPy source would add.
-    """
-    TWINS[twin.__name__] = twin
-    kernel: Function = getattr(kernels, twin.__name__)
-    return kernel
+from cloth_envs.scenes.compiled import compiled
 
 
 @compiled  # 3 us a call, two in most rewards

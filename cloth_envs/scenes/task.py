@@ -52,31 +52,20 @@ class Episode:
 
 
 class Task(ABC):
-    """One scene's task. Every method takes and returns batches, so single and vector environments agree bit for bit.
+    """One scene's task. Every method takes and returns batches, so single and vector environments agree bit for bit."""
 
-    Class attributes:
-        size: rest ``(height, width)`` [m]. resolution: default ``(rows, cols)``. frame_dt [s].
-        actions: names of the action's components, each in [-1, 1].
-        lattice: rows and columns of the keypoints in the default observation.
-        extras: names of the numbers that follow the keypoints in the observation.
-        extras_bound: a bound on their absolute value.
-        max_strain: of an edge, at which an episode ends as overstretched.
-        drive: what the action moves, in scenes where it moves something.
-        options: numbers that a preset lets its user change (``with_options``). fixed: what it leaves no choice of.
-    """
-
-    size: ClassVar[tuple[float, float]]
-    resolution: ClassVar[tuple[int, int]]
-    frame_dt: ClassVar[float]
-    actions: ClassVar[tuple[str, ...]]
-    lattice: ClassVar[tuple[int, int]]
-    extras: ClassVar[tuple[str, ...]]
-    extras_bound: ClassVar[float] = 100.0
+    size: ClassVar[tuple[float, float]]  # rest height and width [m]
+    resolution: ClassVar[tuple[int, int]]  # default rows and columns
+    frame_dt: ClassVar[float]  # s
+    actions: ClassVar[tuple[str, ...]]  # names of the action's components, each in [-1, 1]
+    lattice: ClassVar[tuple[int, int]]  # rows and columns of the keypoints in the default observation
+    extras: ClassVar[tuple[str, ...]]  # names of the numbers that follow the keypoints in the observation
+    extras_bound: ClassVar[float] = 100.0  # on their absolute value
     material: ClassVar[Material] = Material()
-    max_strain: ClassVar[float] = MAX_STRAIN
-    drive: drives.Drive
-    options: ClassVar[Mapping[str, float]] = {}
-    fixed: ClassVar[tuple[str, ...]] = ()
+    max_strain: ClassVar[float] = MAX_STRAIN  # of an edge, at which an episode ends as overstretched
+    drive: drives.Drive  # what the action moves, in scenes where it moves something
+    options: ClassVar[Mapping[str, float]] = {}  # numbers that a preset lets its user change (``with_options``)
+    fixed: ClassVar[tuple[str, ...]] = ()  # what a preset leaves no choice of
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene

@@ -24,24 +24,20 @@ LEAST_FALL = 0.05  # of the cloth's length: a cloth that hardly falls says nothi
 class Budget:
     """Where the mechanical energy came from and went, ``(B,)`` [J]:
     ``gained = handles + wind + pressure - damping - drag + rest``.
-
-    Attributes:
-        gained: change of kinetic, gravity, spring and bending energy.
-        handles: work of whatever drives the handles. wind, pressure: work of the air.
-        damping, drag: lost in dashpots and to still air, positive.
-        rest: what the others leave. Work and friction of contact, the solver's own gain or loss, and the error of
-            the quadrature; without bodies and with short intervals it is the solver's.
     """
 
-    gained: np.ndarray
-    handles: np.ndarray
-    wind: np.ndarray
+    gained: np.ndarray  # change of kinetic, gravity, spring and bending energy
+    handles: np.ndarray  # work of whatever drives the handles
+    wind: np.ndarray  # work of the air
     pressure: np.ndarray
-    damping: np.ndarray
-    drag: np.ndarray
+    damping: np.ndarray  # lost in dashpots, positive
+    drag: np.ndarray  # lost to still air, positive
 
     @property
     def rest(self) -> np.ndarray:
+        """What the others leave: work and friction of contact, the solver's own gain or loss, and the error of the
+        quadrature; without bodies and with short intervals it is the solver's.
+        """
         return self.gained - self.handles - self.wind - self.pressure + self.damping + self.drag
 
 
@@ -122,20 +118,13 @@ def implicit_residual(
 
 @dataclass(frozen=True)
 class SlowMotion:
-    """The gate's finding, ``(B,)``.
+    """The gate's finding, ``(B,)``."""
 
-    Attributes:
-        difference: mean height of the run less that of the converged one where they are farthest apart [m]; positive
-            where the run hangs in the air.
-        fall: how far the converged mean height got from its start [m].
-        fraction: ``|difference|`` over the fall, or over ``LEAST_FALL`` of the cloth's length if it fell less.
-        passed: ``fraction <= tolerance``.
-    """
-
+    # Mean height of the run less that of the converged one where they are farthest apart [m]; positive if it hangs.
     difference: np.ndarray
-    fall: np.ndarray
-    fraction: np.ndarray
-    passed: np.ndarray
+    fall: np.ndarray  # how far the converged mean height got from its start [m]
+    fraction: np.ndarray  # ``|difference|`` over the fall, or over ``LEAST_FALL`` of the cloth's length if it fell less
+    passed: np.ndarray  # ``fraction <= tolerance``
 
 
 def slow_motion(

@@ -22,19 +22,14 @@ from cloth_envs.state import State
 
 @dataclass(frozen=True)
 class Energy:
-    """Energies ``(B,)`` [J].
+    """Energies ``(B,)`` [J]."""
 
-    Attributes:
-        kinetic: ``sum m |v|^2 / 2``. gravity: ``sum m g z``, zero at z = 0.
-        springs: stretch and shear, ``sum k (|d| - L)^2 / 2``. bending: Bergou et al. 2006.
-        pressure: ``-p V``, V the volume between the cloth and the origin, p the last frame's; its gradient
-            is the force of pressure where the border is fixed (or there is none). 0 in a scene without.
-    """
-
-    kinetic: np.ndarray
-    gravity: np.ndarray
-    springs: np.ndarray
-    bending: np.ndarray
+    kinetic: np.ndarray  # ``sum m |v|^2 / 2``
+    gravity: np.ndarray  # ``sum m g z``, zero at z = 0
+    springs: np.ndarray  # stretch and shear, ``sum k (|d| - L)^2 / 2``
+    bending: np.ndarray  # Bergou et al. 2006
+    # ``-p V``, V the volume between the cloth and the origin, p the last frame's; its gradient is the force of pressure
+    # where the border is fixed (or there is none). 0 in a scene without.
     pressure: np.ndarray
 
     @property
@@ -114,16 +109,11 @@ def strain(grid: Grid, positions: np.ndarray, *, shear: bool = False) -> Strain:
 
 @dataclass(frozen=True)
 class Penetration:
-    """Vertices that are too near to a body, or in it.
+    """Vertices that are too near to a body, or in it, ``(B,)``."""
 
-    Attributes:
-        mean: depth over these vertices, ``(B,)`` [m]; 0 where there are none.
-        max: the deepest, ``(B,)`` [m]. count: how many, ``(B,)``.
-    """
-
-    mean: np.ndarray
-    max: np.ndarray
-    count: np.ndarray
+    mean: np.ndarray  # depth over these vertices [m]; 0 where there are none
+    max: np.ndarray  # the deepest [m]
+    count: np.ndarray  # how many
 
 
 def depths(scene: Scene, state: State, *, thickness: float | None = None) -> np.ndarray:

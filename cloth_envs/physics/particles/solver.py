@@ -26,16 +26,11 @@ class Cell:
 
     ``F = sum_c [alpha_c d_c + beta_c n_c + gamma_c (w_c . n_c) n_c] + bias`` over the neighbours that exist, with
     ``d`` and ``w`` the neighbour's position and velocity less the particle's own and ``n = d / sqrt(|d|^2 + eps)``.
-
-    Attributes:
-        coefficients: ``(12, 3)`` alpha [N/m], beta [N] and gamma [N s/m], in the order of ``NEIGHBOURS``.
-        bias: ``(3,)`` [N].
-        eps: [m^2]; 0 makes ``n`` a unit vector.
     """
 
-    coefficients: np.ndarray
-    bias: np.ndarray
-    eps: float = 0.0
+    coefficients: np.ndarray  # ``(12, 3)`` alpha [N/m], beta [N] and gamma [N s/m], in the order of ``NEIGHBOURS``
+    bias: np.ndarray  # ``(3,)`` [N]
+    eps: float = 0.0  # [m^2]; 0 makes ``n`` a unit vector
 
 
 def net_of(scene: Scene) -> Particles:
