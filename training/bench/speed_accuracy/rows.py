@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from cloth_envs.physics import laws
 from cloth_envs.physics.laws.budget import slow_motion
 from cloth_envs.physics.laws.diagnostics import strains
+from cloth_envs.physics.laws.sheet import bend_energy, kinetic_energy
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from training.bench.clock import CostRow
@@ -62,8 +62,8 @@ def statistics(scene: Scene, states: Sequence[State]) -> dict[str, np.ndarray]:
     share = grid.areas / grid.areas.sum()
     return {
         "height": np.stack([(s.positions[:, 2] * share).sum((1, 2)) for s in states], 1),
-        "bending": np.stack([laws.bend_energy(grid, sheets, s.positions) for s in states], 1),
-        "kinetic": np.stack([laws.kinetic_energy(grid, sheets, s.velocities) for s in states], 1),
+        "bending": np.stack([bend_energy(grid, sheets, s.positions) for s in states], 1),
+        "kinetic": np.stack([kinetic_energy(grid, sheets, s.velocities) for s in states], 1),
         "strain": np.concatenate([strains(grid, s.positions) for s in states[::5]], 1),
     }
 
