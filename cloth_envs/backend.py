@@ -72,6 +72,8 @@ def check_keywords(factory: Callable[..., Any], given: Mapping[str, Any], whose:
     Raises:
         ValueError: an unknown keyword; the nearest match and the choices are named.
     """
+    if not isinstance(given, Mapping):
+        raise ValueError(f"keywords for {whose} must be a dict, got {given!r}")
     known = keywords(factory)
     takes_any = any(p.kind is Parameter.VAR_KEYWORD for p in signature(factory).parameters.values())
     for keyword in given:

@@ -12,7 +12,8 @@ CHECKOUT = Path(__file__).resolve().parents[1]  # where this package lies in a c
 
 def in_checkout() -> bool:
     """Whether the package is used from a checkout of its repository."""
-    return (CHECKOUT / "pyproject.toml").is_file() and (CHECKOUT / "training" / "__init__.py").is_file()
+    project = CHECKOUT / "pyproject.toml"
+    return project.is_file() and 'name = "minicloth"' in project.read_text(encoding="utf-8")
 
 
 def install(extra: str) -> str:

@@ -22,19 +22,22 @@ def resolve(path: str) -> Any:
 
     Raises:
         ValueError: another form, no such module, or one without this attribute (the nearest match is named).
-        ImportError: the module is there, but lacks something itself.
+        ImportError: the module is there, but can't be imported.
     """
     module, _, attribute = path.partition(":")
     if not module or not attribute.isidentifier():
         raise ValueError(f"an object is named module:attribute, such as my_package.physics:MyBackend, got {path!r}")
     try:
         found = import_module(module)
-    except ModuleNotFoundError as error:
-        if error.name is None or not f"{module}.".startswith(f"{error.name}."):
-            raise
-        raise ValueError(
-            f"there is no module {error.name!r} for {path!r}: install the package that holds it, or add its folder to "
-            "PYTHONPATH"
+    except Exception as error:  # a stranger's module may raise anything
+        missing = error.name if isinstance(error, ModuleNotFoundError) else None
+        if missing and f"{module}.".startswith(f"{missing}."):
+            raise ValueError(
+                f"there is no module {missing!r} for {path!r}: install the package that holds it, or add its folder to "
+                "PYTHONPATH"
+            ) from error
+        raise ImportError(
+            f"{path!r} can't be imported ({type(error).__name__}: {error}): repair the module, or install what it needs"
         ) from error
     if not hasattr(found, attribute):
         own = [name for name, value in vars(found).items() if getattr(value, "__module__", None) == module]

@@ -98,7 +98,7 @@ def load_backend(name: str) -> BackendFactory:
         ImportError: a module that can't be imported; of an installed package that is named.
     """
     if not isinstance(name, str):
-        raise unknown_name("backend", name, backend_names())
+        raise ValueError(f"backend must be a name or 'module:Class', got {name!r}: register_backend names a class")
     known = BACKENDS.get(name, name if ":" in name else None)
     factory = _installed(name) if known is None else resolve(known) if isinstance(known, str) else known
     _check_factory(name, factory)
@@ -111,11 +111,21 @@ def make_backend(
     """The backend ``name`` for a batch of ``num_envs`` cloths of ``scene``.
 
     Raises:
-        ValueError, ImportError: see ``load_backend``; or an unknown keyword: the nearest match is named.
+        ValueError, ImportError: see ``load_backend``; an unknown keyword (the nearest match is named), or a factory
+            that fails with it or makes no backend.
     """
     factory, given = load_backend(name), backend_kwargs or {}
     check_keywords(factory, given, f"backend={name!r}")
-    return factory(scene, num_envs=num_envs, **given)
+    try:
+        made = factory(scene, num_envs=num_envs, **given)
+    except TypeError as error:
+        raise ValueError(f"backend {name!r} can't be built with {dict(given)!r}: {error}") from error
+    lacks = [method for method in ("reset", "advance", "recall") if not callable(getattr(made, method, None))]
+    if lacks:
+        raise ValueError(
+            f"backend {name!r} made {made!r} without {', '.join(lacks)}: cloth_envs.backend.Backend says what one has"
+        )
+    return made
 
 
 def _check_factory(name: str, factory: Any) -> None:
@@ -135,12 +145,9 @@ def _installed(name: str) -> BackendFactory:
     packages = ", ".join(sorted(point.dist.name if point.dist else point.module for point in points.values()))
     if len(points) > 1:
         raise ValueError(f"{packages} each have a backend {name!r}: name one as {' or '.join(sorted(points))}")
-    (point,) = points.values()
+    (value,) = points
     try:
-        factory: BackendFactory = point.load()
-    except Exception as error:  # a stranger's module may raise anything
-        raise ImportError(
-            f"backend {name!r} ({point.value}) of the installed package {packages} can't be loaded "
-            f"({type(error).__name__}: {error}): repair or uninstall the package"
-        ) from error
+        factory: BackendFactory = resolve(value)
+    except (ImportError, ValueError) as error:
+        raise ImportError(f"backend {name!r} of the installed package {packages}: {error}, or uninstall it") from error
     return factory

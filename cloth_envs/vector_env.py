@@ -57,9 +57,10 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         threads = min(
             num_envs, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         )
-        takes_threads = "threads" in keywords(load_backend(options.get("backend", "reference")))
-        kwargs = ({"threads": threads} if takes_threads else {}) | (backend_kwargs or {})
-        self.world = World(scene, num_envs=num_envs, backend_kwargs=kwargs, **options)
+        given: Any = backend_kwargs or {}
+        if isinstance(given, dict) and "threads" in keywords(load_backend(options.get("backend", "reference"))):
+            given = {"threads": threads, **given}
+        self.world = World(scene, num_envs=num_envs, backend_kwargs=given, **options)
         self.num_envs = num_envs
         self.render_mode = None
         self.metadata = {

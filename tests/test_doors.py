@@ -17,6 +17,7 @@ from cloth_envs.naming import resolve
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.registry import backend_names, load_backend, register_backend
 from cloth_envs.scene import Scene
+from training.bench.participants import extra
 
 SOURCE = """
 from cloth_envs.physics.explicit.solver import ExplicitSolver
@@ -105,7 +106,7 @@ def test_commands_take_them(package: Path, capsys: pytest.CaptureFixture[str], t
         ("their_cloth:", ValueError, "module:attribute"),
         ("their_cloth:no_batch", ValueError, r"\(scene, \*, num_envs, \*\*options\).*num_envs"),
         ("broken", ImportError, "their-cloth.*Coarser.*uninstall"),
-        (3, ValueError, "unknown backend 3"),
+        (3, ValueError, "register_backend"),
     ],
 )
 def test_mistakes_name_the_remedy(package: Path, name: Any, error: type[Exception], words: str) -> None:
@@ -113,10 +114,41 @@ def test_mistakes_name_the_remedy(package: Path, name: Any, error: type[Exceptio
         load_backend(name)
 
 
-def test_a_module_that_lacks_something_itself_says_what(package: Path) -> None:
-    (package / "needy.py").write_text("import not_installed_anywhere")
-    with pytest.raises(ImportError, match="not_installed_anywhere"):
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [("import not_installed_anywhere", "not_installed_anywhere"), ("1 / 0", "ZeroDivisionError"), ("(", "SyntaxError")],
+)
+def test_a_module_that_cannot_be_imported_says_why(package: Path, source: str, words: str) -> None:
+    (package / "needy.py").write_text(source)
+    with pytest.raises(ImportError, match=f"'needy:Backend' can't be imported.*{words}.*repair"):
         load_backend("needy:Backend")
+
+
+@pytest.mark.parametrize(
+    ("factory", "options", "words"),
+    [
+        (lambda scene, *, num_envs=1: None, {}, "without reset, advance, recall"),
+        (lambda scene, *, num_envs=1, **more: ExplicitSolver(scene, **more), {"gian": 2}, "can't be built.*gian"),
+        (ExplicitSolver, "refine", "must be a dict"),
+    ],
+)
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+def test_a_factory_that_makes_no_backend_is_refused(make: Any, factory: Any, options: Any, words: str) -> None:
+    register_backend("odd", factory)
+    with pytest.raises(ValueError, match=words):
+        make("MiniCloth-Flag-v0", backend="odd", backend_kwargs=options)
+
+
+@pytest.mark.parametrize("name", ["thrid", 3, "their_cloth:Finer", "their_cloth:no_batch"])
+def test_a_wrong_upscaler_is_refused(package: Path, name: Any) -> None:
+    with pytest.raises(ValueError, match="upscaler"):
+        gym.make("MiniCloth-Flag-v0", backend="miniature", backend_kwargs={"upscaler": name})
+
+
+@pytest.mark.parametrize("text", ["{", "nosuch", "their_cloth:Fine", 'finer={"gian": 2}'])
+def test_a_benchmark_refuses_a_wrong_backend_before_it_measures(package: Path, text: str) -> None:
+    with pytest.raises(ValueError, match=r"Choose one of|attribute"):
+        extra([text])
 
 
 def test_two_packages_with_one_name_are_told_apart(package: Path) -> None:

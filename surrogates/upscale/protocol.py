@@ -91,11 +91,18 @@ def make_upscaler(name: str, coarse: Scene, fine: Scene, factor: int) -> Upscale
     """The upscaler ``name``, or ``"module:Class"``, of a pair of scenes.
 
     Raises:
-        ValueError: an unknown name (the nearest match is named), or one that has no weights for this scene.
+        ValueError: an unknown name (the nearest match is named), one without weights for this scene, or a class that is
+            no upscaler.
     """
     if name in INTERPOLATIONS:
         return Interpolation(coarse, fine, factor, kind=INTERPOLATIONS[name])
-    if name not in LEARNED and ":" not in name:
-        raise unknown_name("upscaler", name, (*INTERPOLATIONS, *LEARNED))
+    if not isinstance(name, str) or (name not in LEARNED and ":" not in name):
+        raise unknown_name("upscaler", name, (*INTERPOLATIONS, *LEARNED, "module:Class"))
     learned: Callable[[Scene, Scene, int], Upscaler] = resolve(LEARNED.get(name, name))
-    return learned(coarse, fine, factor)
+    try:
+        made = learned(coarse, fine, factor)
+    except TypeError as error:
+        raise ValueError(f"upscaler {name!r} can't be built as Class(coarse, fine, factor): {error}") from error
+    if not isinstance(made, Upscaler):
+        raise ValueError(f"upscaler {name!r} is no surrogates.upscale.protocol.Upscaler: derive the class from it")
+    return made

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from cloth_envs.backend import Backend, keywords, parse_backend
+from cloth_envs.backend import Backend, check_keywords, keywords, parse_backend
 from cloth_envs.physics.truth import TRUTHS
 from cloth_envs.registry import load_backend, make_backend
 from cloth_envs.scene import Scene
@@ -191,9 +191,12 @@ def extra(texts: Sequence[str]) -> list[Participant]:
     """Those that ``--backend NAME[=JSON]`` or ``module:Class[=JSON]`` named, each a family of its own.
 
     Raises:
-        ValueError: options that are no JSON object.
+        ValueError, ImportError: an unknown backend, or options that are no JSON object or that it does not name.
     """
-    return [Participant(name, name, options) for name, options in map(parse_backend, texts)]
+    found = [Participant(name, name, options) for name, options in map(parse_backend, texts)]
+    for one in found:
+        check_keywords(load_backend(one.backend), one.options, f"backend={one.backend!r}")
+    return found
 
 
 def swept(families: Sequence[str] | None = None, *, quick: bool = False) -> list[Participant]:

@@ -184,6 +184,8 @@ def frames_of(scene: str, steps: int) -> FrameRow:
 
 def measure(session: Session) -> None:
     """Kernels, their twin in NumPy and the roofline, and whole frames of every scene; all anew."""
+    if session.given.backend:
+        raise ValueError("bench throughput times the compiled kernels: leave --backend to the other benchmarks")
     quick = session.quick
     repeats = 5 if quick else 30
     rows = [kernel(size, term, 1, 1, repeats) for size in SIZES for term in TERMS]
