@@ -1,7 +1,5 @@
 """The protocol that every physics obeys, how one is built, and how one is written in a line."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping, Sequence
 from inspect import Parameter, signature

@@ -1,7 +1,5 @@
 """What may be missing: optional packages, by the line that installs them, and ``training``, which no wheel holds."""
 
-from __future__ import annotations
-
 import sys
 from importlib import import_module
 from pathlib import Path

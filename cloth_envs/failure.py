@@ -1,7 +1,5 @@
 """When a simulation has failed: the rules are the same for every backend."""
 
-from __future__ import annotations
-
 from _minicloth_kernels import inspect
 
 from cloth_envs.scene import Scene

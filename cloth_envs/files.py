@@ -1,7 +1,5 @@
 """Files and folders that are going to be written: checked before anything is simulated."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The cloth as a regular grid: topology, rest lengths and lumped areas."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Names: what they stand for, and errors for unknown ones that list the choices and name the nearest match."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from difflib import get_close_matches
 from importlib import import_module

@@ -1,7 +1,5 @@
 """A cloth as a net of equal particles, for settings that no sheet in SI units has."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 
 import numpy as np

@@ -5,8 +5,6 @@ numbers are the last ones, after positions and velocities of the keypoints. ``ex
 what they earn.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cloth_envs.naming import unknown_name

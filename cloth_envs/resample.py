@@ -1,7 +1,5 @@
 """A cloth on another grid: interpolation along rows and columns, by one small matrix each."""
 
-from __future__ import annotations
-
 import _minicloth_kernels as kernels
 import numpy as np
 

@@ -1,7 +1,5 @@
 """One look for all charts: colours, markers, axes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

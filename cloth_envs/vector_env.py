@@ -1,7 +1,5 @@
 """The vector environment: one batched state, threads over its members."""
 
-from __future__ import annotations
-
 import os
 from typing import Any
 

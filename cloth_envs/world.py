@@ -1,7 +1,5 @@
 """The batched engine behind the single and the vector environment."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any

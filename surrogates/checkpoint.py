@@ -1,7 +1,5 @@
 """Weights with their card: ``<name>.safetensors`` and ``<name>.json`` beside it, which holds the checksum."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping

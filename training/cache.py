@@ -1,7 +1,5 @@
 """Where what took long is kept, and how: under a name that tells what it was made of, whole or not at all."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from collections.abc import Callable, Mapping

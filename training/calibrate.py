@@ -4,8 +4,6 @@ Factors of the material are fitted so that short windows of the coarse cloth, st
 that does. A closure starts from the calibrated factors. What the file holds already is kept.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Sequence

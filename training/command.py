@@ -1,7 +1,5 @@
 """What trainings share: their command line, and how the weights of a scene at a grid factor are kept."""
 
-from __future__ import annotations
-
 from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
 from pathlib import Path

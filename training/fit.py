@@ -1,7 +1,5 @@
 """The one training loop: Adam under a schedule, with a progress bar, that goes on bit for bit where it was stopped."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -5,8 +5,6 @@ is held out. Stored are whole frames in HDF5 files, one a trajectory: the teache
 runs, started from the teacher again after every ``window`` frames. What is there is kept.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

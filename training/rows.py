@@ -1,7 +1,5 @@
 """Rows on disk: a benchmark that was stopped goes on where it was."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, fields

@@ -1,7 +1,5 @@
 """Truth of seeded episodes: the states and controls of a run at one of the named refinements, kept in the cache."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The chart of a comparison: speed against error, both on logarithmic axes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The ``minicloth`` command; what it does is in ``cloth_envs.commands``, imported when it is asked for."""
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -1,7 +1,5 @@
 """``minicloth compare``: one scene, several backends or resolutions, side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

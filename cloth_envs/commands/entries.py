@@ -1,7 +1,5 @@
 """Who takes part in a comparison: a backend, its keywords and a resolution."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

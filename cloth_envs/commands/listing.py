@@ -1,7 +1,5 @@
 """``minicloth list``: what there is."""
 
-from __future__ import annotations
-
 import inspect
 
 from cloth_envs.material import FABRICS

@@ -5,8 +5,6 @@ measured over short windows that restart from states of the truth; the long free
 and its distance from the truth is reported as divergence.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from time import perf_counter

@@ -1,7 +1,5 @@
 """Videos and images that commands write."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path

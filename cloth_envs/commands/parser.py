@@ -1,7 +1,5 @@
 """All commands of ``minicloth`` and their options."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path

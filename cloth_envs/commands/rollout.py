@@ -1,7 +1,5 @@
 """``minicloth rollout`` and ``minicloth render``: simulate once, look at it as often as you like."""
 
-from __future__ import annotations
-
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """A comparison as rows: CSV for machines, Markdown for people."""
 
-from __future__ import annotations
-
 import csv
 import os
 from collections.abc import Sequence

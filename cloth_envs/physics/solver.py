@@ -1,7 +1,5 @@
 """What the reference solvers share, and the choice of one by name."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar

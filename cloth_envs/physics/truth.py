@@ -1,7 +1,5 @@
 """What a result is held against: the explicit solver at named refinements of its stable step, same mesh and energy."""
 
-from __future__ import annotations
-
 from typing import Any
 
 # name -> options of the reference backend. `refine` divides the largest stable step.

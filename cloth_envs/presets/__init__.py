@@ -1,7 +1,5 @@
 """Presets: a paper's own set-up as a variant of a scene. With zero actions it does what the paper's scene does."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -15,8 +15,6 @@ flag have less fine detail than the paper's (tables 3 and 5).
 ``{"name": "lee2019", "bending": 0, "tangential": 0.1}`` is the flag that crumples.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar

@@ -5,8 +5,6 @@ The paper states the model (eqs 1-5) and the scenes in words; the numbers are th
 units are the paper's: particles of 1 kg make a sheet of 16 t that is as stiff in proportion, so pressures are large.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The layout of a rollout file: names, attributes and empty datasets."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict
 

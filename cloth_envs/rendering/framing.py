@@ -1,7 +1,5 @@
 """Where things are in a picture: how the cloth is held, what it can reach, where the camera stands."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

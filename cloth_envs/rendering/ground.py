@@ -1,7 +1,5 @@
 """The floor: seen by thin lines and the soft shadow that falls on it."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Colours, textures and lights: the look of every picture."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Meshes beside the cloth: poles, rails, rings, pins, frames, bodies and the wind arrow."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

@@ -1,7 +1,5 @@
 """``Renderer``: frames and depth images of a ``State``, offscreen, with one plotter for all of them."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The cloth in a picture: its mesh, normals and strain, all from the ``(3, H, W)`` positions."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One view of a scene: adds its actors once, then only moves them."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

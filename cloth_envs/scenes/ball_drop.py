@@ -1,7 +1,5 @@
 """BallDrop: a ball on the ground catches a falling cloth."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cloth_envs.grid import Grid

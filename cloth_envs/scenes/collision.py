@@ -1,7 +1,5 @@
 """Collision: a ball presses a hanging cloth into a target shape."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

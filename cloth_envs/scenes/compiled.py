@@ -1,7 +1,5 @@
 """Functions whose NumPy source is what to read, and whose compiled copy is what runs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, TypeVar
 

@@ -1,7 +1,5 @@
 """Curtain: a curtain on rings is drawn to a target opening and calmed."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -3,8 +3,6 @@
 Positions depend on the bits of these numbers, so the NumPy sources agree with what runs to rounding only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Flag: a flag in gusty wind whose pole moves."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cloth_envs.grid import Grid

@@ -1,7 +1,5 @@
 """Hanging: a cloth held by one corner is carried to a place and brought to rest."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cloth_envs.grid import Grid

@@ -3,8 +3,6 @@
 Fields are ``(B, 3, H, W)``, vertices int32 numbers into the flat grid.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from cloth_envs.scenes.compiled import compiled

@@ -1,7 +1,5 @@
 """Pressure: a pinned sheet is inflated so that its apex follows a moving height."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cloth_envs.grid import Grid

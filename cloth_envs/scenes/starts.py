@@ -1,7 +1,5 @@
 """What scenes start from: patches that are held, and lines that are bowed at rest length."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cloth_envs.grid import Grid

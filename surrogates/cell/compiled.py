@@ -1,7 +1,5 @@
 """The fitted cell in the compiled kernels: of particles, or of the sheet whose material it was identified to be."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

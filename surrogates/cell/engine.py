@@ -1,7 +1,5 @@
 """The engine ``"torch"`` of the fitted cell: on GPUs, and with forces plugged in."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

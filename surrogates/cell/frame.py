@@ -1,7 +1,5 @@
 """A frame of the cell on a sheet in torch, with all that is plugged in: air, bodies, handles, forces of one's own."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ Forces are those of ``cloth_envs.physics.laws.sheet`` with a learned number for 
 edge is evaluated once and acts on both ends, so momentum is kept exactly whatever was learned.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np

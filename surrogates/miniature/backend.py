@@ -1,7 +1,5 @@
 """The backend ``"miniature"``: coarse physics and an upscaler (Lee, Oh & Lee 2019), each by name."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

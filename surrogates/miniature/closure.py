@@ -1,7 +1,5 @@
 """What the coarse sheet weighs and resists: scalings of the material, and the fitted factors that are shipped."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from functools import cache

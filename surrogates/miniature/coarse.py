@@ -1,7 +1,5 @@
 """Coarse physics: a scene on a coarser grid, stepped by a reference solver under the controls of the fine cloth."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any

@@ -6,8 +6,6 @@ and a change of velocity in the same axes. Turning the scene about the vertical 
 bounded, and fade out around handles, so that a cloth unlike those of training is not torn.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

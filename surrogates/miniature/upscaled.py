@@ -1,7 +1,5 @@
 """Coarse physics and an upscaler, composed to a backend."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

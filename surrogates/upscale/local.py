@@ -5,8 +5,6 @@ the residual to bicubic interpolation at half the coarse spacing; where cells me
 vertices are bicubic again, from these. Inference is compiled. A flat sheet at rest gets no residual.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 

@@ -6,8 +6,6 @@ the border the sheet is continued by a parabola, as bicubic interpolation does. 
 moves patch and answer alike.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

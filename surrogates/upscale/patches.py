@@ -6,8 +6,6 @@ inner vertices of the target are inferred twice (on an edge) or four times (at a
 2018 have triangles instead, of three vertices and the midpoints of their three edges.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """From the coarse cloth to the fine one: what an upscaler is, and interpolation."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 

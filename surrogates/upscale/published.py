@@ -1,7 +1,5 @@
 """Upscalers as published: ``"fc"`` after Lee, Oh & Lee 2019 and ``"hdnn"``, like Oh, Lee & Lee 2018; no torch."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

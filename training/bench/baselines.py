@@ -1,7 +1,5 @@
 """Participants that are measured for comparison only: no physics, the truth on a coarse grid, parts of a method."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

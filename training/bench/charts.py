@@ -1,7 +1,5 @@
 """What the charts of all benchmarks have in common: the width of a page, panels, axes, notes, files."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path

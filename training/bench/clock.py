@@ -1,7 +1,5 @@
 """Time of the engine's participants: wall clock per simulated frame, end to end, on a machine that others share."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain, islice, repeat

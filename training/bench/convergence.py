@@ -4,8 +4,6 @@ Windows of 5 frames are shorter than chaos; every solver is refined in every way
 already are kept; --fresh measures again.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -6,8 +6,6 @@ was. What the reference misses is what its mesh costs; other methods are beside 
 sheet also pays for folds that the grid can't hold and that pop open; one from an episode's smooth start does not.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The one table of what benchmarks measure: families of methods, each swept into a curve, and who takes part where."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """``minicloth bench throughput``: ns per vertex and substep by term, size, threads and batch, and whole frames."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -4,8 +4,6 @@ The cell's force is linear in its 39 parameters, so the loss of a whole state is
 is kept as the matrix of that: gradient descent sees exactly the loss that it would see on the states.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import chain, repeat

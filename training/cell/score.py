@@ -1,7 +1,5 @@
 """How far the cell's animations are from the simulator's: max |dx| over steps, particles and axes on the 1 m cloth."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import repeat

@@ -1,7 +1,5 @@
 """The cell of a sheet, identified from the reference's own steps: one number for every class of edges and branch."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -4,8 +4,6 @@ Particles (Zhao 2024): differential evolution and three stages of Adam on "fall"
 in closed form. Sheets: the cell of every scene, identified by least squares. What was stopped goes on.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace

@@ -1,7 +1,5 @@
 """Truth on a coarse grid for the correction of the dynamics: every frame of seeded episodes, and what drove them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache

@@ -5,8 +5,6 @@ frames that it runs with the coarse solver. Their gradients pass through a frame
 ``dx' = dx + frame_dt dv``, ``dv' = dv``: exact ones through the substeps cost 100 times as much and blow up.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise

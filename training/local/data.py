@@ -3,8 +3,6 @@
 Truth is the explicit reference at its default step in float32, of the scene's own material or a random one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

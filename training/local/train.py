@@ -8,8 +8,6 @@ With ``--published`` the network learns trajectories of ``minicloth generate SCE
 et al. 2019: these weights stay in the cache, where ``minicloth bench tables`` finds them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial

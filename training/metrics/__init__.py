@@ -1,7 +1,5 @@
 """Every metric of ``errors``, ``detail`` and ``contact`` on two trajectories."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Contact: depth in bodies, vertices that went through one, triangles that cross each other."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from importlib.util import find_spec
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Folds and wrinkles: normals, curvature, bending energy, spectrum. Positions are ``(..., 3, H, W)`` [m]."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.fft import dctn
 

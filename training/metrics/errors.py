@@ -3,8 +3,6 @@
 PSNR and VMSE follow Chen et al. 2020, ``largest`` Zhao 2024.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@
 it: from the target at ``factor`` times its spacing to half of that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -3,8 +3,6 @@
 Lee et al. 2019 train for eight hours on a GPU, in batches of 50,000 at a rate of 1e-4.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path

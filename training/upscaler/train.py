@@ -6,8 +6,6 @@ optimised units learn what bilinear interpolation misses; units that pass the co
 training goes on, bit for bit.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 from collections.abc import Sequence

@@ -6,8 +6,6 @@ columns are eigenvectors, and solving takes four small matrix products (Lynch, R
 and sines go round.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any

@@ -1,7 +1,5 @@
 """The default reference solver: symplectic Euler at the largest stable step, compiled."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import _minicloth_kernels as kernels

@@ -1,7 +1,5 @@
 """Secants of a limited-memory quasi-Newton method around a prefactored matrix."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

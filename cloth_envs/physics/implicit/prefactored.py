@@ -1,7 +1,5 @@
 """The sparse system of an implicit step, factored once and shared: ``(M + h^2 K) x = b``."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The implicit reference solver: unconditionally stable steps, minimised to a stated residual."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """One cloth's frame by implicit steps: the stages of a scheme, each the minimum of a potential."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import _minicloth_kernels as kernels

@@ -1,7 +1,5 @@
 """What the air does to the sheet: wind and pressure on facets. Arrays are those of ``laws.sheet``."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cloth_envs.grid import Grid

@@ -1,7 +1,5 @@
 """Contact of vertices with bodies in plain NumPy: the definition that the kernel follows."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cloth_envs.scene import Collider, Scene

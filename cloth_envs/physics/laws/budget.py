@@ -3,8 +3,6 @@
 Forces are those of ``physics.laws``; arrays have one row a cloth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise

@@ -4,8 +4,6 @@ Forces and energies are those of ``physics.laws``. ``materials`` holds one ``Mat
 defaults to the scene's. What happens between states (work, residual, slow motion) is in ``physics.budget``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 Arrays are ``(B, 3, H, W)`` as in ``State``; forces are in newtons, energies ``(B,)`` in joules, all in float64.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

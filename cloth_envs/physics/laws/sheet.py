@@ -4,8 +4,6 @@ Arrays are ``(B, 3, H, W)`` as in ``State``; forces are in newtons, energies ``(
 ``Material`` per member of the batch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

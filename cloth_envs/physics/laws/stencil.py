@@ -1,7 +1,5 @@
 """Which vertices a spring or a bending term joins, and how stiff it is: plain index arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

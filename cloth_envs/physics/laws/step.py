@@ -1,7 +1,5 @@
 """The plain NumPy twin of the explicit kernel: drives, all forces, and a frame of symplectic Euler; tests' oracle."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from cloth_envs.physics.laws.air import pressure_forces, wind_forces

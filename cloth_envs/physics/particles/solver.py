@@ -1,7 +1,5 @@
 """The solver of a net of particles: the simulator of Zhao 2024, compiled."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Errors are max |dx| over steps, particles and axes in % of the 1 m cloth, agains
 author's settings. Speeds are of one thread, in one run, in turns.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product

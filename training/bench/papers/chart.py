@@ -1,7 +1,5 @@
 """Beside Lee 2019: errors by frame (figs. 9-12) and of variants (figs. 13-15), from rows only; pictures of cloths."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -10,8 +10,6 @@ K explicit steps reach that. What K cells can do beyond is to soften: slow motio
 ``R/K`` as long. Errors are those of ``bench speed-accuracy``; times are of the processor.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

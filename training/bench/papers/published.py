@@ -5,8 +5,6 @@ teacher's own decimated positions, "free" a miniature that starts with the teach
 that starts again from the teacher's state every 20 frames. Tables 3 and 5 are eq. 4 on pairs of patches [m^2].
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress

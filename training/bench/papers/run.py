@@ -5,8 +5,6 @@ are mean distances from the teacher over the first frames of preset "lee2019" wi
 accuracy. "Oracle" upscales the teacher's own decimated positions, "real" a real miniature run.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

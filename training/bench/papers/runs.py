@@ -4,8 +4,6 @@ Also flags that differ in what the paper leaves open (docs/networks.md): is thei
 On a real miniature all upscalers err alike, so there bicubic stands for them, over several starts.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress

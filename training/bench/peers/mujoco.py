@@ -8,8 +8,6 @@ thickness gives the same bending stiffness. Masses, drag, damping, pins, radius 
 computed by our NumPy twin once a step and enters as a force; its time is not counted.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import mujoco

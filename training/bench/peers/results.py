@@ -1,7 +1,5 @@
 """Rows of the peers benchmark: who is faster at equal error, the table, and the chart."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

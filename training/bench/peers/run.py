@@ -5,8 +5,6 @@ blamed for modelling another cloth; comparisons use the smaller. Times are proce
 busy machine the wall clock (also stored) punishes those whose frames are long; engines take turns.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 from collections.abc import Mapping, Sequence

@@ -7,8 +7,6 @@ one: 0.2 kg/m^2, stretch 500 N/m, shear 0.3 times that. Bending is 2e-5 N m per 
 meet at 20 degrees.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from itertools import repeat

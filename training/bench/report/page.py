@@ -1,7 +1,5 @@
 """Pieces of a self-contained HTML page: no script, no file and no address besides it; all text is escaped here."""
 
-from __future__ import annotations
-
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from html import escape

@@ -1,7 +1,5 @@
 """``minicloth report``: one self-contained HTML page from the rows and charts that benchmarks wrote."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence

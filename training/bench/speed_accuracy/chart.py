@@ -1,7 +1,5 @@
 """Charts of ``minicloth bench speed-accuracy``: error against wall-clock time a frame, drawn from its rows only."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

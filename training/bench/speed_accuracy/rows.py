@@ -3,8 +3,6 @@
 Long runs are whole episodes, compared with the truth by statistics, and the gate that slow motion does not pass.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ compared by statistics. Rows that are in --out already are kept; --fresh measure
 times are of one thread.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 from collections.abc import Sequence

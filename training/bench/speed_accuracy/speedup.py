@@ -6,8 +6,6 @@ Settings between the measured ones may be cheaper, so that is an upper bound of 
 logarithmic axes between the two neighbours on the front estimates what they would cost.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

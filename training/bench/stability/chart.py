@@ -1,7 +1,5 @@
 """Heat maps of ``minicloth bench stability``, drawn from its rows only: a panel an axis, a line a backend."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Rows of the stability benchmark: one for each run, put together by backend, axis and level."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

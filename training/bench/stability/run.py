@@ -4,8 +4,6 @@ Every participant runs the same worlds, a few levels along each axis; its runs a
 world and each failure names its reason. Rows that are in --out already are kept; --fresh measures again.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Runs of the stability benchmark: states until the first failure, and why they failed next to the truth's."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """Worlds of ``minicloth bench stability``: a scene's episode, changed by one level along one axis."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction

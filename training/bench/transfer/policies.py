@@ -4,8 +4,6 @@ Features are about 1 in size and turn with the cloth where the scene does; zero 
 ``(B, n)``, a policy for every member of the batch.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """What the transfer benchmark has measured: trainings, episodes, both put together with intervals; table and chart."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path

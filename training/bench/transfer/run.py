@@ -5,8 +5,6 @@ several times. Each policy then plays held-out seeds on the reference, and on it
 surrogate earns more there. Run it with OMP_NUM_THREADS=1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from time import perf_counter, process_time
 
