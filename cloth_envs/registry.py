@@ -120,7 +120,7 @@ def make_backend(
         made = factory(scene, num_envs=num_envs, **given)
     except TypeError as error:
         raise ValueError(f"backend {name!r} can't be built with {dict(given)!r}: {error}") from error
-    lacks = [method for method in ("reset", "advance", "recall") if not callable(getattr(made, method, None))]
+    lacks = [method for method in ("reset", "advance") if not callable(getattr(made, method, None))]
     if lacks:
         raise ValueError(
             f"backend {name!r} made {made!r} without {', '.join(lacks)}: cloth_envs.backend.Backend says what one has"

@@ -127,7 +127,7 @@ def test_a_module_that_cannot_be_imported_says_why(package: Path, source: str, w
 @pytest.mark.parametrize(
     ("factory", "options", "words"),
     [
-        (lambda scene, *, num_envs=1: None, {}, "without reset, advance, recall"),
+        (lambda scene, *, num_envs=1: None, {}, "without reset, advance"),
         (lambda scene, *, num_envs=1, **more: ExplicitSolver(scene, **more), {"gian": 2}, "can't be built.*gian"),
         (ExplicitSolver, "refine", "must be a dict"),
     ],

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 import re
 import sys
-from dataclasses import fields
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import pytest
 
@@ -58,8 +57,7 @@ class Page(HTMLParser):
 
 def row(kind: type[Any], **given: Any) -> Any:
     """A row of zeros and empty texts but for what is ``given``."""
-    empty = {"str": "", "int": 0, "float": 0.0}
-    return kind(**{field.name: given.get(field.name, empty[str(field.type)]) for field in fields(kind)})
+    return kind(**{name: given.get(name, of()) for name, of in get_type_hints(kind).items()})
 
 
 def summaries(**given: Any) -> Any:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 
@@ -195,7 +195,7 @@ class ErrorRow:
 
 
 ERROR_KEY = ("scene", "rows", "cols", "family", "options", "seed", "frames", "truth")
-MEASURED = [f.name for f in fields(ErrorRow) if f.type == "float"]
+MEASURED = [name for name, kind in get_type_hints(ErrorRow).items() if kind is float]
 
 
 def errors(

@@ -1,9 +1,9 @@
 """What the transfer benchmark has measured: trainings, episodes, both put together with intervals; table and chart."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 from scipy.stats import t as student
@@ -86,7 +86,7 @@ class TransferRow:
     failed: int
 
 
-NUMBERS = [field.name for field in fields(TransferRow) if field.type == "float"]
+NUMBERS = [name for name, kind in get_type_hints(TransferRow).items() if kind is float]
 
 
 def half_width(seeds: np.ndarray, *trainings: np.ndarray) -> float:
