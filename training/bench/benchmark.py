@@ -193,7 +193,7 @@ def setup(about: Mapping[str, Any]) -> str:
     """Where and how rows were measured, for the top of a table and the foot of a chart."""
     quick = ", QUICK: a trial run, not for citing" if about["quick"] else ""
     engines = f", {about['engines']}" if about.get("engines") else ""
-    return f"{about['processor']}, {about.get('threads', 1)} thread(s){engines}{quick}"
+    return f"{about['processor']}, {about.get('threads', 1)} thread{'s' * (about.get('threads', 1) > 1)}{engines}{quick}"
 
 
 def revision() -> str:
