@@ -105,10 +105,6 @@ class Truth:
     positions: list[np.ndarray]
     saved: dict[int, dict[str, np.ndarray]]
 
-    def set(self, world: World, frame: int) -> None:
-        """Put another world where the truth was at a saved frame."""
-        restart(world, self.saved[frame], self.world.scene.grid)
-
     def distance(self, world: World, frame: int) -> tuple[float, float]:
         """Mean vertex distance and difference of the mean height, both over the cloth's length."""
         grid = self.world.scene.grid
@@ -122,11 +118,11 @@ def measure(
     """The errors of ``entry`` in windows that begin at saved frames, and its free run; nothing is timed yet."""
     found = np.full((2, len(starts), len(horizons)), np.nan)
     for row, start in enumerate(starts):
-        truth.set(world, start)
+        restart(world, truth.saved[start], truth.world.scene.grid)
         for done, failure in run(world, actions[start : start + horizons[-1]]):
             if done in horizons and not failure:
                 found[:, row, horizons.index(done)] = truth.distance(world, start + done)
-    truth.set(world, 0)
+    restart(world, truth.saved[0], truth.world.scene.grid)
     states, path = [world.state.copy()], []
     for done, failure in run(world, actions):
         if not failure:
@@ -173,7 +169,7 @@ def compare(
         results.append(measure(entry, world, truth, actions, horizons, starts))
     for _ in tqdm(range(repeats), "timing", disable=None):  # in turn: a busy moment of the machine hits all alike
         for result, world in zip(results, worlds, strict=True):
-            truth.set(world, 0)
+            restart(world, truth.saved[0], truth.world.scene.grid)
             backend, world.backend = world.backend, Timed(world.backend, result.seconds)
             for _done in run(world, actions):
                 pass

@@ -1,6 +1,7 @@
 """Secants of a limited-memory quasi-Newton method around a prefactored matrix."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -92,10 +93,7 @@ def minimise(
         residual = contact.classify(x, gradient, mass, free)
         if residual <= enough or iterations == max_iterations:
             break
-
-        def confine(d: np.ndarray, at: np.ndarray = x) -> None:
-            contact.confine(at, d)
-
+        confine = partial(contact.confine, x)
         with_friction = gradient.copy()
         value = energy + contact.friction(x, with_friction)
         step = secants.apply(free, solve, confine)
