@@ -1,8 +1,6 @@
 """Speed and error of several physics on one scene, under the same seed and actions.
 
-Cloth is chaotic: two runs that differ by a rounding error part within seconds. Errors are therefore
-measured over short windows that restart from states of the truth; the long free run is for the video,
-and its distance from the truth is reported as divergence.
+Cloth is chaotic: errors are measured over short windows that restart from states of the truth, the free run is filmed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -56,10 +54,9 @@ class Result:
     seconds: list[float] = field(default_factory=list)  # wall-clock time of every timed frame
 
     @property
-    def ms(self) -> tuple[float, float, float]:
+    def ms(self) -> list[float]:
         """First quartile, median and third quartile of the time of a frame [ms]."""
-        low, middle, high = np.percentile(np.array(self.seconds) * 1e3, [25, 50, 75])
-        return float(low), float(middle), float(high)
+        return np.percentile(np.array(self.seconds) * 1e3, [25, 50, 75]).tolist()
 
 
 @dataclass

@@ -58,8 +58,7 @@ def at_resolution(scene: Scene, shape: tuple[int, int]) -> Scene:
         vertices = np.flatnonzero(across == 0 if kind == "pole" else down == row[0])
     elif kind == "frame":
         vertices = np.sort(fine.border)
-    handles = tuple(dict.fromkeys(vertices.tolist()))
-    return replace(scene, grid=fine, handles=handles)
+    return replace(scene, grid=fine, handles=tuple(dict.fromkeys(vertices.tolist())))
 
 
 def lowest_hang(grid: Grid, handles: Sequence[int], heights: np.ndarray) -> float:

@@ -47,10 +47,9 @@ class Sheet:
         flat = Grid(grid.rows, grid.cells[1] + 1, grid.height, grid.width)
         self.mesh = pv.PolyData.from_regular_faces(np.zeros((flat.vertices, 3), np.float32), flat.triangles)
         self.mesh.point_data.active_normals = np.zeros((flat.vertices, 3), np.float32)
-        options: dict[str, Any] = {}
         if strain_range is not None:
             self.mesh.point_data["strain"] = np.zeros(flat.vertices, np.float32)
-            options = {**look.STRAIN, "clim": (-100 * strain_range, 100 * strain_range)}
+            options: dict[str, Any] = {**look.STRAIN, "clim": (-100 * strain_range, 100 * strain_range)}
         else:
             self.mesh.active_texture_coordinates = weave_coordinates(flat, whole=grid.periodic)
             texture = pv.Texture(look.weave())
