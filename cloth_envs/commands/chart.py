@@ -11,6 +11,7 @@ from cloth_envs.commands.tables import machine
 from cloth_envs.style import COLORS, GRID, INK, MARKERS, import_figure, limits, spread
 
 WIDTH, HEIGHT = 7.2, 4.6  # inches: the width of a page
+BARS = {"ms": 8, "mec": "white", "mew": 1.0, "elinewidth": 1.1, "capsize": 2.5, "zorder": 3}
 
 
 def _two_and_five(value: float, _: int) -> str:
@@ -33,8 +34,7 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
     curves = list(dict.fromkeys(r.entry.curve for r in comparison.results))
     figure = import_figure()(figsize=(WIDTH, HEIGHT), layout="constrained")
     axes = figure.add_subplot()
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    axes.set(xscale="log", yscale="log")
     times = np.array([r.ms for r in shown]).reshape(-1, 3)
     errors = np.array([100 * r.errors[:, column] for r in shown]).reshape(len(shown), -1)
     mean = errors.mean(1)
@@ -43,20 +43,10 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
         color = COLORS[number % len(COLORS)]
         line = sorted(mine, key=lambda i: times[i, 1])
         axes.plot(times[line, 1], mean[line], color=color, lw=1.2, alpha=0.45, zorder=1)
-        axes.errorbar(
-            times[mine, 1],
-            mean[mine],
-            xerr=np.abs(times[mine][:, [0, 2]] - times[mine, 1:2]).T,
-            yerr=np.abs(np.stack([errors[mine].min(1), errors[mine].max(1)]) - mean[mine]),
-            fmt=MARKERS[number % len(MARKERS)],
-            color=color,
-            ms=8,
-            mec="white",
-            mew=1.0,
-            elinewidth=1.1,
-            capsize=2.5,
-            zorder=3,
-        )
+        wide = np.abs(times[mine][:, [0, 2]] - times[mine, 1:2]).T
+        high = np.abs(np.stack([errors[mine].min(1), errors[mine].max(1)]) - mean[mine])
+        marker = MARKERS[number % len(MARKERS)]
+        axes.errorbar(times[mine, 1], mean[mine], xerr=wide, yerr=high, fmt=marker, color=color, **BARS)
     if shown:
         axes.set_xlim(limits(times[:, 0].min(), times[:, 2].max(), 0.16))
         axes.set_ylim(limits(errors.min(), errors.max()))
@@ -64,12 +54,8 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
     frames = "1 frame" if horizon == 1 else f"{horizon} frames"
     axes.set_xlabel(f"time for a frame of {comparison.scene.frame_dt * 1e3:g} ms [ms], physics only (left is faster)")
     axes.set_ylabel("mean vertex error [% of cloth length]\n(lower is closer)")
-    axes.set_title(
-        f"{comparison.scene.name}: speed against error after {frames} ({seconds:g} s)",
-        loc="left",
-        fontweight="bold",
-        color=INK,
-    )
+    title = f"{comparison.scene.name}: speed against error after {frames} ({seconds:g} s)"
+    axes.set_title(title, loc="left", fontweight="bold", color=INK)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(lambda value, _: f"{value:g}")
         if np.ptp(np.log10(axis.get_view_interval())) < 3:
@@ -100,21 +86,10 @@ def _label(axes: Any, labels: list[str], x: np.ndarray, y: np.ndarray) -> None:
     pixels = axes.transData.transform(np.stack([x, y], 1))
     dpi = axes.figure.dpi / 72
     right = pixels[:, 0] < box.x0 + 0.55 * box.width
-    for side in (True, False):
+    halo = [withStroke(linewidth=3, foreground="white")]
+    text = {"textcoords": "offset points", "va": "center", "fontsize": 9, "color": INK, "zorder": 4}
+    for side, align, away, up in ((True, "left", 10, 6), (False, "right", -10, -7)):
         mine = np.flatnonzero(right == side)
-        if not len(mine):
-            continue
-        height = spread(pixels[mine, 1], 13 * dpi)
-        for i, at in zip(mine, height, strict=True):
-            axes.annotate(
-                labels[i],
-                (x[i], y[i]),
-                ((10 if side else -10), (at - pixels[i, 1]) / dpi + (6 if side else -7)),
-                textcoords="offset points",
-                ha="left" if side else "right",
-                va="center",
-                fontsize=9,
-                color=INK,
-                zorder=4,
-                path_effects=[withStroke(linewidth=3, foreground="white")],
-            )
+        for i, at in zip(mine, spread(pixels[mine, 1], 13 * dpi), strict=True):
+            offset = away, (at - pixels[i, 1]) / dpi + up
+            axes.annotate(labels[i], (x[i], y[i]), offset, ha=align, path_effects=halo, **text)

@@ -1,8 +1,6 @@
 """Speed and error of several physics on one scene, under the same seed and actions.
 
-Cloth is chaotic: two runs that differ by a rounding error part within seconds. Errors are therefore
-measured over short windows that restart from states of the truth; the long free run is for the video,
-and its distance from the truth is reported as divergence.
+Cloth is chaotic: errors are measured over short windows that restart from states of the truth, the free run is filmed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -56,10 +54,9 @@ class Result:
     seconds: list[float] = field(default_factory=list)  # wall-clock time of every timed frame
 
     @property
-    def ms(self) -> tuple[float, float, float]:
+    def ms(self) -> list[float]:
         """First quartile, median and third quartile of the time of a frame [ms]."""
-        low, middle, high = np.percentile(np.array(self.seconds) * 1e3, [25, 50, 75])
-        return float(low), float(middle), float(high)
+        return np.percentile(np.array(self.seconds) * 1e3, [25, 50, 75]).tolist()
 
 
 @dataclass
@@ -105,10 +102,6 @@ class Truth:
     positions: list[np.ndarray]
     saved: dict[int, dict[str, np.ndarray]]
 
-    def set(self, world: World, frame: int) -> None:
-        """Put another world where the truth was at a saved frame."""
-        restart(world, self.saved[frame], self.world.scene.grid)
-
     def distance(self, world: World, frame: int) -> tuple[float, float]:
         """Mean vertex distance and difference of the mean height, both over the cloth's length."""
         grid = self.world.scene.grid
@@ -122,11 +115,11 @@ def measure(
     """The errors of ``entry`` in windows that begin at saved frames, and its free run; nothing is timed yet."""
     found = np.full((2, len(starts), len(horizons)), np.nan)
     for row, start in enumerate(starts):
-        truth.set(world, start)
+        restart(world, truth.saved[start], truth.world.scene.grid)
         for done, failure in run(world, actions[start : start + horizons[-1]]):
             if done in horizons and not failure:
                 found[:, row, horizons.index(done)] = truth.distance(world, start + done)
-    truth.set(world, 0)
+    restart(world, truth.saved[0], truth.world.scene.grid)
     states, path = [world.state.copy()], []
     for done, failure in run(world, actions):
         if not failure:
@@ -173,7 +166,7 @@ def compare(
         results.append(measure(entry, world, truth, actions, horizons, starts))
     for _ in tqdm(range(repeats), "timing", disable=None):  # in turn: a busy moment of the machine hits all alike
         for result, world in zip(results, worlds, strict=True):
-            truth.set(world, 0)
+            restart(world, truth.saved[0], truth.world.scene.grid)
             backend, world.backend = world.backend, Timed(world.backend, result.seconds)
             for _done in run(world, actions):
                 pass

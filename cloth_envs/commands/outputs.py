@@ -34,7 +34,7 @@ def open_video(path: Path, fps: float) -> Any:
     )
 
 
-def check_pictures(video: str | Path | None, images: str | Path | None) -> None:
+def check_pictures(video: str | None, images: str | None) -> None:
     """That ``video`` (an ``.mp4`` file) and ``images`` (a folder, made if need be) can be written and drawn.
 
     Raises:
@@ -51,23 +51,14 @@ def check_pictures(video: str | Path | None, images: str | Path | None) -> None:
 
 
 def write_pictures(
-    scene: Scene,
-    states: Sequence[State],
-    *,
-    video: str | Path | None = None,
-    images: str | Path | None = None,
-    strain: bool = False,
+    scene: Scene, states: Sequence[State], *, video: str | None, images: str | None, strain: bool
 ) -> None:
-    """Draw ``states`` to an H.264 video at the simulated speed, to numbered PNG images, to both or to none.
-
-    ``strain`` colours the cloth by its strain.
-    """
+    """Draw ``states`` to an H.264 video at the simulated speed, to numbered PNG images, to both or to none."""
     if video is None and images is None:
         return
     with ExitStack() as stack:
-        renderer = Renderer(
-            scene, color="strain" if strain else "fabric", camera=fixed_camera(scene, [states], aspect=4 / 3)
-        )
+        camera = fixed_camera(scene, [states], aspect=4 / 3)
+        renderer = Renderer(scene, color="strain" if strain else "fabric", camera=camera)
         stack.callback(renderer.close)
         stream = None if video is None else stack.enter_context(open_video(Path(video), 1 / scene.frame_dt))
         for number, state in enumerate(tqdm(states, "pictures", unit="frame", disable=None)):

@@ -68,9 +68,7 @@ def rollout(
     return "\n".join(lines)
 
 
-def render(
-    file: str, *, trajectory: int = 0, video: str | None = None, images: str | None = None, strain: bool = False
-) -> str:
+def render(file: str, *, trajectory: int, video: str | None, images: str | None, strain: bool) -> str:
     """Draw one trajectory of a rollout file; without any output, to a video beside it.
 
     Raises:

@@ -2,7 +2,6 @@
 
 import csv
 import os
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -63,24 +62,18 @@ def short(value: float) -> str:
 
 
 def markdown(comparison: Comparison) -> str:
-    """The table, aligned."""
+    """The table, its columns aligned as text, numbers to the right."""
     horizons = comparison.horizons
     header = ["entry", "ms/frame (quartiles)", "x real time", *(f"error {h} fr. %" for h in horizons)]
     header += [f"height {horizons[-1]} fr. %", "free run %"]
     failed = any(result.failure for result in comparison.results)
-    header += ["failure"] if failed else []
-    lines = [header]
+    lines = [header + (["failure"] if failed else [])]
     for result in comparison.results:
         low, middle, high = result.ms
         line = [result.entry.label, f"{middle:.3g} ({low:.3g}-{high:.3g})"]
         line += [f"{comparison.scene.frame_dt * 1e3 / middle:.0f}", *map(short, percent(result.errors))]
         line += [short(percent(result.heights)[-1]), short(100 * result.divergence)]
         lines.append(line + ([result.failure or ""] if failed else []))
-    return pipes(lines)
-
-
-def pipes(lines: Sequence[Sequence[str]]) -> str:
-    """A Markdown table whose columns are aligned as text, numbers to the right."""
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]
     rows = [[c.rjust(w) for c, w in zip(line, widths, strict=True)] for line in (lines[0], rule, *lines[1:])]

@@ -75,10 +75,10 @@ def lay_out(file: h5py.File, scene: Scene, *, dtype: np.dtype, chunk: int, actio
         dataset.attrs.update(sample_varying=True, time_varying=True)
         if shape == cloth:
             dataset.attrs["dim_varying"] = np.array([True, True])
-    for name in PROPERTIES:
-        _per_trajectory(file, f"scalars/{name}", np.float64, np.nan)
-    _per_trajectory(file, "seeds", np.int64, -1)
-    _per_trajectory(file, "frames", np.int64, 0)
+    whole = {"seeds": (np.int64, -1), "frames": (np.int64, 0)}  # one value a trajectory
+    for path, (kind, fill) in {**{f"scalars/{name}": (np.float64, np.nan) for name in PROPERTIES}, **whole}.items():
+        dataset = file.create_dataset(path, (0,), kind, maxshape=(None,), chunks=(SMALL_CHUNK,), fillvalue=fill)
+        dataset.attrs.update(sample_varying=True, time_varying=False)
     names = {"t0_fields": [], "t1_fields": ["positions", "velocities"], "t2_fields": []}
     for group, members in {**names, "scalars": ["reward", "pressure", *PROPERTIES]}.items():
         file.require_group(group).attrs["field_names"] = _texts(members)
@@ -96,11 +96,6 @@ def lay_out(file: h5py.File, scene: Scene, *, dtype: np.dtype, chunk: int, actio
 
 def _texts(values: list[str]) -> np.ndarray:
     return np.array(values, h5py.string_dtype())
-
-
-def _per_trajectory(file: h5py.File, path: str, dtype: type, fill: float) -> None:
-    dataset = file.create_dataset(path, (0,), dtype, maxshape=(None,), chunks=(SMALL_CHUNK,), fillvalue=fill)
-    dataset.attrs.update(sample_varying=True, time_varying=False)
 
 
 def _boundary(file: h5py.File, name: str, kind: str, dims: list[str], mask: np.ndarray) -> h5py.Group:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,7 @@ def has_writer(path: Path) -> bool:
     return True
 
 
-class Rollout:
+class Rollout(AbstractContextManager["Rollout"]):
     """A rollout file opened for reading, whole or cut off by a killed writer; made by ``Rollout.open``.
 
     Attributes:
@@ -129,9 +130,6 @@ class Rollout:
 
     def close(self) -> None:
         self._file.close()
-
-    def __enter__(self) -> Rollout:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ CHUNK_BYTES = 2**19  # of one field
 MOST_FRAMES = 32  # in a chunk: what a killed writer can lose
 
 
-class RolloutWriter:
+class RolloutWriter(AbstractContextManager["RolloutWriter"]):
     """Writes trajectories of one scene; use it as a context manager, or call ``close()``.
 
     Args:
@@ -44,23 +45,19 @@ class RolloutWriter:
         overwrite: bool = False,
     ) -> None:
         self.path = Path(path)
-        spec = ""
-        self.scene: Any
-        if isinstance(source, Scene):
-            self.scene = source
-        else:
-            self.scene = getattr(source.unwrapped, "scene", None)
-            if not isinstance(self.scene, Scene):
-                raise ValueError(f"{source} is no cloth environment: record one made by gym.make('MiniCloth-...')")
-            spec = "" if source.spec is None else source.spec.to_json()
-            actions = int(np.prod(source.action_space.shape or ()))
+        self._actions, self._spec = actions, ""
+        self.scene: Any = source if isinstance(source, Scene) else getattr(source.unwrapped, "scene", None)
+        if not isinstance(self.scene, Scene):
+            raise ValueError(f"{source} is no cloth environment: record one made by gym.make('MiniCloth-...')")
+        if not isinstance(source, Scene):
+            self._spec = "" if source.spec is None else source.spec.to_json()
+            self._actions = int(np.prod(source.action_space.shape or ()))
         if self.path.exists() and not overwrite:
             raise FileExistsError(f"{self.path} exists and stays as it is: choose another name or pass overwrite=True")
         try:
             self._file = h5py.File(self.path, "w", libver="latest")
         except OSError as error:
             raise cannot_write(self.path, error) from error
-        self._actions, self._spec = actions, spec
         self._frames: dict[str, h5py.Dataset] = {}
         self._rows: dict[str, list[np.ndarray]] = {}
         self._next: tuple[int, Material] | None = None  # seed and material of a trajectory without frames so far
@@ -150,9 +147,6 @@ class RolloutWriter:
                 self._lay_out(np.dtype(np.float32))
             self._write()
             self._file.close()
-
-    def __enter__(self) -> RolloutWriter:
-        return self
 
     def __exit__(self, *error: object) -> None:
         self.close()

@@ -53,13 +53,12 @@ def at_resolution(scene: Scene, shape: tuple[int, int]) -> Scene:
     row = np.rint(row * (fine.rows - 1) / (grid.rows - 1)).astype(int)
     col = np.rint(col * fine.cells[1] / grid.cells[1]).astype(int)
     vertices = row * fine.cols + col % fine.cols
-    inside = np.indices(fine.shape)
-    if support(scene) in ("pole", "belt"):  # whole lines of vertices stay whole
-        vertices = np.flatnonzero(inside[1] == 0 if support(scene) == "pole" else inside[0] == row[0])
-    elif support(scene) == "frame":
+    kind, (down, across) = support(scene), np.indices(fine.shape)
+    if kind in ("pole", "belt"):  # whole lines of vertices stay whole
+        vertices = np.flatnonzero(across == 0 if kind == "pole" else down == row[0])
+    elif kind == "frame":
         vertices = np.sort(fine.border)
-    handles = tuple(dict.fromkeys(vertices.tolist()))
-    return replace(scene, grid=fine, handles=handles)
+    return replace(scene, grid=fine, handles=tuple(dict.fromkeys(vertices.tolist())))
 
 
 def lowest_hang(grid: Grid, handles: Sequence[int], heights: np.ndarray) -> float:

@@ -11,7 +11,11 @@ CLOTH_FRONT, CLOTH_BACK = "#e0553c", "#f3d3b3"
 WOOD, BRASS, STEEL, BODY, ARROW = "#a67c5b", "#d0a548", "#6d7883", "#5d7f9f", "#2b7a9b"
 CLOTH = {"ambient": 0.30, "diffuse": 0.92, "specular": 0.08, "specular_power": 8}  # a wide, weak sheen
 SOLID = {"ambient": 0.34, "diffuse": 0.85, "specular": 0.25, "specular_power": 25}
-STRAIN_MAP = "coolwarm"  # Moreland's diverging map: perceptually even, safe for colour blindness
+# Moreland's diverging map: perceptually even, safe for colour blindness.
+STRAIN = {"scalars": "strain", "cmap": "coolwarm", "show_scalar_bar": False, "ambient": 0.42, "diffuse": 0.72}
+# The bar of strain, small, in the lower right corner.
+BAR = {"vertical": True, "n_labels": 3, "fmt": "%.3g", "color": INK, "height": 0.34, "position_y": 0.12}
+BAR |= {"unconstrained_font_size": True, "title_font_size": 12, "label_font_size": 12}
 WEAVE_SIZE = 0.24  # m of cloth in one repeat of the weave
 SHADOW_TILT = 0.55  # m sideways for a metre down
 
@@ -42,25 +46,6 @@ def smooth_edges(renderer: Any) -> None:
     options.SetRelativeContrastThreshold(0.2)
     options.SetHardContrastThreshold(0.1)
     options.SetUseHighQualityEndpoints(False)
-
-
-def add_scalar_bar(plotter: Any, mapper: Any, width: float) -> None:
-    """A small bar of strain in the lower right corner of the active view, ``width`` [pixels] wide."""
-    plotter.add_scalar_bar(
-        "strain (%)\n",
-        mapper=mapper,
-        vertical=True,
-        n_labels=3,
-        fmt="%.3g",
-        color=INK,
-        unconstrained_font_size=True,
-        title_font_size=12,
-        label_font_size=12,
-        width=46 / width,
-        height=0.34,
-        position_x=1 - 64 / width,
-        position_y=0.12,
-    )
 
 
 def weave(cells: int = 96) -> np.ndarray:

@@ -116,6 +116,7 @@ class Capsule:
 
     def __init__(self, pv: Any, radius: float) -> None:
         self.mesh = pv.Sphere(radius=radius, theta_resolution=48, phi_resolution=34)
+        self.color, self.options = look.BODY, dict[str, Any]()
         self.unit = np.array(self.mesh.points) / radius
         self.radius = radius
         self.half = (self.unit[:, 2] > 0).astype(int)

@@ -185,6 +185,7 @@ class Renderer:
                 plotter.add_text(self.captions[index], position="lower_edge", font_size=9, color=INK)
             look.smooth_edges(plotter.renderer)
         if self.strain_range is not None:
-            look.add_scalar_bar(plotter, views[-1].sheet.actor.mapper, self.width / self.views)
+            mapper, wide = views[-1].sheet.actor.mapper, self.width / self.views
+            plotter.add_scalar_bar("strain (%)\n", mapper=mapper, width=46 / wide, position_x=1 - 64 / wide, **look.BAR)
         plotter.show(auto_close=False, interactive=False)
         self._plotter, self._views = plotter, views

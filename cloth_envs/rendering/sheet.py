@@ -15,11 +15,9 @@ def drawn(values: np.ndarray, periodic: bool) -> np.ndarray:
 
 def normals(positions: np.ndarray, periodic: bool) -> np.ndarray:
     """Unit vertex normals ``(3, H, W)`` of ``positions`` ``(3, H, W)`` [m] from central differences."""
-    if periodic:
-        positions = np.concatenate([positions[..., -1:], positions, positions[..., :1]], -1)
-    down, across = np.gradient(positions, axis=(1, 2))
-    if periodic:
-        down, across = down[..., 1:-1], across[..., 1:-1]
+    beyond = int(periodic)
+    wide = np.pad(positions, ((0, 0), (0, 0), (beyond, beyond)), mode="wrap")
+    down, across = (d[..., beyond : d.shape[2] - beyond] for d in np.gradient(wide, axis=(1, 2)))
     normal = np.cross(down, across, axis=0)
     return normal / np.maximum(np.linalg.norm(normal, axis=0), 1e-12)
 
@@ -33,14 +31,11 @@ def vertex_strain(positions: np.ndarray, grid: Grid) -> np.ndarray:
     means = []
     for axis, rest in ((0, grid.row_spacing), (1, grid.col_spacing)):
         wrap = grid.periodic and axis == 1
-        ring = np.concatenate([positions, positions[..., :1]], -1) if wrap else positions
-        edge = np.linalg.norm(np.diff(ring, axis=axis + 1), axis=0) / rest - 1
-        if wrap:
-            edge = np.concatenate([edge[:, -1:], edge], 1)
-        else:
-            edge = np.pad(edge, [(1, 1) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
-        lower, upper = (edge[:-1], edge[1:]) if axis == 0 else (edge[:, :-1], edge[:, 1:])
-        means.append((lower + upper) / 2)
+        edge = np.linalg.norm(np.diff(drawn(positions, wrap), axis=axis + 1), axis=0) / rest - 1
+        beyond = [(0, 0), (0, 0)]
+        beyond[axis] = (1, 0) if wrap else (1, 1)
+        edge = np.pad(edge, beyond, mode="wrap" if wrap else "edge")
+        means.append((edge[:-1] + edge[1:]) / 2 if axis == 0 else (edge[:, :-1] + edge[:, 1:]) / 2)
     return np.where(np.abs(means[0]) >= np.abs(means[1]), *means)
 
 
@@ -52,18 +47,9 @@ class Sheet:
         flat = Grid(grid.rows, grid.cells[1] + 1, grid.height, grid.width)
         self.mesh = pv.PolyData.from_regular_faces(np.zeros((flat.vertices, 3), np.float32), flat.triangles)
         self.mesh.point_data.active_normals = np.zeros((flat.vertices, 3), np.float32)
-        options: dict[str, Any] = {}
         if strain_range is not None:
             self.mesh.point_data["strain"] = np.zeros(flat.vertices, np.float32)
-            span = (-100 * strain_range, 100 * strain_range)
-            options = {
-                "ambient": 0.42,
-                "diffuse": 0.72,
-                "scalars": "strain",
-                "cmap": look.STRAIN_MAP,
-                "clim": span,
-                "show_scalar_bar": False,
-            }
+            options: dict[str, Any] = {**look.STRAIN, "clim": (-100 * strain_range, 100 * strain_range)}
         else:
             self.mesh.active_texture_coordinates = weave_coordinates(flat, whole=grid.periodic)
             texture = pv.Texture(look.weave())

@@ -6,7 +6,7 @@ import numpy as np
 
 from cloth_envs.rendering import framing, look
 from cloth_envs.rendering.ground import Ground, refined
-from cloth_envs.rendering.props import Arrow, Capsule, fixtures
+from cloth_envs.rendering.props import Arrow, Capsule, Part, fixtures
 from cloth_envs.rendering.sheet import Sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
@@ -60,11 +60,10 @@ class View:
         }
         self.start = self._handles(state, member)
         self.parts = fixtures(pv, scene, self.start, self.ground.height) if scene.handles else []
-        for mesh, color, options in [
-            *((body.mesh, look.BODY, {}) for body in self.bodies.values()),
-            *((part.mesh, part.color, part.options) for part in self.parts),
-        ]:
-            plotter.add_mesh(mesh, color=color, **look.SOLID, **options).prop.interpolation = "Phong"
+        self.solids: list[Capsule | Part] = [*self.bodies.values(), *self.parts]
+        for solid in self.solids:
+            options = look.SOLID | solid.options
+            plotter.add_mesh(solid.mesh, color=solid.color, **options).prop.interpolation = "Phong"
         below = np.array([*state.positions[member, :2].mean((1, 2)), box[0, 2]])
         self.arrow = None if scene.wind is None else Arrow(pv, plotter, scene, below)
         self.decoration = [self.ground.actor, self.ground.tiles] + ([self.arrow.actor] if self.arrow else [])
@@ -98,8 +97,8 @@ class View:
         self.camera.focal_point = np.add(self.place.focal_point, along)
         if self.arrow is not None:
             self.arrow.blow(state.wind[member], along)
-        solid = [body.mesh for body in self.bodies.values()] + [part.mesh for part in self.parts]
-        self.ground.cast(np.concatenate([refined(positions), *(np.asarray(mesh.points) for mesh in solid)]), along)
+        shading = [refined(positions), *(np.asarray(solid.mesh.points) for solid in self.solids)]
+        self.ground.cast(np.concatenate(shading), along)
 
     def solid_only(self, on: bool) -> None:
         """Hide shadow and arrow and show the ground as a solid (for depth), or the reverse."""

@@ -1,6 +1,7 @@
 """Secants of a limited-memory quasi-Newton method around a prefactored matrix."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -87,15 +88,11 @@ def minimise(
     contact.project(x, x)
     gradient, free = np.empty_like(x), np.empty_like(x)
     energy = potential.evaluate(x, gradient)
-    iterations = 0
-    while True:
+    for iterations in range(max_iterations + 1):
         residual = contact.classify(x, gradient, mass, free)
         if residual <= enough or iterations == max_iterations:
             break
-
-        def confine(d: np.ndarray, at: np.ndarray = x) -> None:
-            contact.confine(at, d)
-
+        confine = partial(contact.confine, x)
         with_friction = gradient.copy()
         value = energy + contact.friction(x, with_friction)
         step = secants.apply(free, solve, confine)
@@ -117,7 +114,6 @@ def minimise(
             if abs(new_value - value) <= 1e-13 * abs(value) and abs(new_friction @ moved) <= -slope:
                 break
             length /= 2
-        iterations += 1
         secants.add(moved, new_friction - with_friction)
         x, gradient, energy = trial, new_gradient, new_energy
     return Minimum(x, gradient, free, iterations, residual)

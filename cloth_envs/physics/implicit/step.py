@@ -6,7 +6,7 @@ import _minicloth_kernels as kernels
 import numpy as np
 
 from cloth_envs.material import Material
-from cloth_envs.physics.implicit.lbfgs import Minimum, Secants, minimise
+from cloth_envs.physics.implicit.lbfgs import Secants, minimise
 from cloth_envs.physics.implicit.prefactored import implicit_system
 from cloth_envs.physics.laws.step import hermite
 from cloth_envs.physics.solver import kernel_material
@@ -38,24 +38,6 @@ class Drive:
     def bodies_at(self, s: float) -> np.ndarray:
         """``(C, 2, 3)`` at ``s`` in [0, 1]."""
         return hermite(s, self.frame_dt, *self.bodies)[0]
-
-
-@dataclass(frozen=True)
-class Stage:
-    """Where a stage starts from; ``x`` and ``v`` are ``(3, n)``, bodies ``(C, 2, 3)``.
-
-    Velocities are ``(x - base) / tau``. ``before`` is where the vertices were when the bodies were at
-    ``bodies_before`` (contact is swept from there), ``along`` gives the directions of the dashpots and the facets'
-    normals and areas. Euler: all three are the step's start.
-    """
-
-    before: np.ndarray
-    base: np.ndarray
-    velocity: np.ndarray  # of which the decay by drag is still to come
-    along: np.ndarray
-    bodies_before: np.ndarray
-    bodies_base: np.ndarray
-    end: float  # in [0, 1] of the frame
 
 
 class ImplicitStep:
@@ -101,19 +83,15 @@ class ImplicitStep:
         """Positions and velocities ``(3, n)`` at the end of the frame."""
         self.iterations, self.residual = 0, 0.0
         secants = Secants(self.window, x.size)
-        step = self._euler if self.scheme == "euler" else self._sdirk2
         for k in range(self.substeps):
-            x, v = step(x, v, drive, secants, k / self.substeps, (k + 1) / self.substeps)
-            v[:, self.held] = drive.handles_at((k + 1) / self.substeps)[1]
+            s0, s1 = k / self.substeps, (k + 1) / self.substeps
+            if self.scheme == "euler":
+                bodies = drive.bodies_at(s0)
+                x, v, _ = self._stage(drive, secants, x, x, v, x, bodies, bodies, s1)
+            else:
+                x, v = self._sdirk2(x, v, drive, secants, s0, s1)
+            v[:, self.held] = drive.handles_at(s1)[1]
         return x, v
-
-    def _euler(
-        self, x: np.ndarray, v: np.ndarray, drive: Drive, secants: Secants, s0: float, s1: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        bodies = drive.bodies_at(s0)
-        stage = Stage(x, x, v, x, bodies, bodies, s1)
-        end = self._minimise(stage, drive, secants)
-        return end.x.reshape(x.shape), self._velocities(stage, end)[0]
 
     def _sdirk2(
         self, x: np.ndarray, v: np.ndarray, drive: Drive, secants: Secants, s0: float, s1: float
@@ -129,43 +107,50 @@ class ImplicitStep:
         place, speed = drive.handles_at(middle)
         base = x.copy()
         base[:, held] = place - self.tau * speed  # so that dashpots feel the handles' own velocity
-        first = Stage(x, base, v, x + self.tau * v, bodies0, bodies0, middle)
-        end = self._minimise(first, drive, secants)
-        v1, reaction = self._velocities(first, end)
+        x1, v1, reaction = self._stage(drive, secants, x, base, v, x + self.tau * v, bodies0, bodies0, middle)
         v1[:, held] = speed
-        acceleration = ((end.x.reshape(x.shape) - x) / self.tau - v) / self.tau - reaction / self.mass
+        acceleration = ((x1 - x) / self.tau - v) / self.tau - reaction / self.mass
         base = x + rest * v1
         place, speed = drive.handles_at(s1)
         base[:, held] = place - self.tau * speed
         carried = bodies0 + rest / self.tau * (bodies1 - bodies0)
-        second = Stage(x, base, v + rest * acceleration, x + self.h * v1, bodies0, carried, s1)
-        end = self._minimise(second, drive, secants)
-        return end.x.reshape(x.shape), self._velocities(second, end)[0]
+        along = x + self.h * v1
+        return self._stage(drive, secants, x, base, v + rest * acceleration, along, bodies0, carried, s1)[:2]
 
-    def _minimise(self, stage: Stage, drive: Drive, secants: Secants) -> Minimum:
-        guess = stage.base + self.tau * self.decay * stage.velocity
+    def _stage(
+        self,
+        drive: Drive,
+        secants: Secants,
+        before: np.ndarray,
+        base: np.ndarray,
+        velocity: np.ndarray,
+        along: np.ndarray,
+        bodies_before: np.ndarray,
+        bodies_base: np.ndarray,
+        end: float,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions, velocities ``(x - base) / tau`` and reactions of contact [N], ``(3, n)``, at ``end`` of the frame.
+
+        ``before`` is where the vertices were when the bodies ``(C, 2, 3)`` were at ``bodies_before`` (contact is swept
+        from there), the decay of ``velocity`` by drag is still to come, ``along`` gives the directions of the dashpots
+        and the facets' normals and areas. Touching vertices get the velocity of their body.
+        """
+        guess = base + self.tau * self.decay * velocity
         target = guess.copy()
         target[2] -= self.tau**2 * self.push * self.scene.gravity
-        guess[:, self.held] = drive.handles_at(stage.end)[0]
+        guess[:, self.held] = drive.handles_at(end)[0]
         self.potential.begin(
             material=self.material,
             tau=self.tau,
             inertia=1 / (self.push * self.tau**2),
-            base=stage.base.ravel(),
-            along=stage.along.ravel(),
+            base=base.ravel(),
+            along=along.ravel(),
             target=target.ravel(),
             wind=drive.wind,
             pressure=drive.pressure,
         )
-        self.contact.begin(
-            stage.before.ravel(),
-            stage.base.ravel(),
-            stage.bodies_before,
-            stage.bodies_base,
-            drive.bodies_at(stage.end),
-            self.tau,
-        )
-        end = minimise(
+        self.contact.begin(before.ravel(), base.ravel(), bodies_before, bodies_base, drive.bodies_at(end), self.tau)
+        found = minimise(
             self.potential,
             self.contact,
             self.solve,
@@ -175,13 +160,9 @@ class ImplicitStep:
             max_iterations=self.max_iterations,
             secants=secants,
         )
-        self.iterations += end.iterations
-        self.residual = max(self.residual, end.residual / GRAVITY)
-        return end
-
-    def _velocities(self, stage: Stage, end: Minimum) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities, those of touching vertices made their body's, and the reactions of contact [N], ``(3, n)``."""
-        v = (end.x - stage.base.ravel()) / self.tau
+        self.iterations += found.iterations
+        self.residual = max(self.residual, found.residual / GRAVITY)
+        v = (found.x - base.ravel()) / self.tau
         reaction = np.empty_like(v)
-        self.contact.finish(end.x, end.gradient, end.free_gradient, v, reaction)
-        return v.reshape(3, -1), reaction.reshape(3, -1)
+        self.contact.finish(found.x, found.gradient, found.free_gradient, v, reaction)
+        return found.x.reshape(3, -1), v.reshape(3, -1), reaction.reshape(3, -1)

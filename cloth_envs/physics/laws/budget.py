@@ -49,8 +49,7 @@ def _powers(
     damped = sheet.damper_forces(grid, sheets, x, v)
     rate = np.array([m.drag for m in sheets])[:, None, None, None] * scene.drag
     slowed = -rate * sheet.masses(grid, sheets) * v
-    held = np.zeros(grid.vertices)
-    held[list(scene.handles)] = 1.0
+    held = np.isin(np.arange(grid.vertices), scene.handles)
     pull = sheet.spring_forces(grid, sheets, x) + sheet.bend_forces(grid, sheets, x)
     pull = pull + sheet.gravity_forces(grid, sheets, x, scene.gravity) + blown + pressed + damped + slowed
     parts = (pull * held.reshape(grid.shape), blown, pressed, damped, slowed)
@@ -78,8 +77,7 @@ def budget(scene: Scene, states: Sequence[State], materials: Sequence[Material] 
         work += (ends[0] + ends[1]) / 2 * (after.time - before.time)
     first, last = states[0], states[-1]
     start, end = energy(scene, first, sheets), energy(scene, last, sheets)
-    held = np.zeros(scene.grid.vertices)
-    held[list(scene.handles)] = 1.0
+    held = np.isin(np.arange(scene.grid.vertices), scene.handles)
     mass = sheet.masses(scene.grid, sheets) * held.reshape(scene.grid.shape)
     driven = [(mass * s.velocities.astype(np.float64) ** 2).sum((1, 2, 3)) / 2 for s in (first, last)]
     return Budget(
@@ -148,5 +146,5 @@ def slow_motion(
     worst = abs(gap).argmax(0)  # the first NaN, if there is one
     difference = np.take_along_axis(gap, worst[None], 0)[0]
     fall = abs(true - true[0]).max(0)
-    fraction = abs(difference) / np.maximum(fall, LEAST_FALL * max(scene.grid.height, scene.grid.width))
+    fraction = abs(difference) / np.maximum(fall, LEAST_FALL * scene.grid.length)
     return SlowMotion(difference, fall, fraction, fraction <= tolerance)

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
@@ -70,11 +71,7 @@ def linear_momentum(scene: Scene, state: State, materials: Sequence[Material] | 
 
 
 def angular_momentum(
-    scene: Scene,
-    state: State,
-    materials: Sequence[Material] | None = None,
-    *,
-    about: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
+    scene: Scene, state: State, materials: Sequence[Material] | None = None, *, about: ArrayLike = (0.0, 0.0, 0.0)
 ) -> np.ndarray:
     """``sum m (x - about) x v``, ``(B, 3)`` [kg m^2/s]; ``about`` ``(3,)`` or ``(B, 3)`` [m]."""
     mass = sheet.masses(scene.grid, as_materials(scene, state, materials))

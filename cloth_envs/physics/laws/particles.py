@@ -45,17 +45,11 @@ def spring_energy(scene: Scene, x: np.ndarray) -> np.ndarray:
 
 def pressure_forces(x: np.ndarray, pressure: np.ndarray) -> np.ndarray:
     """``p`` ``(B,)`` times the sum of ``r_a x r_b`` (eq. 3) over the pairs of nearest neighbours that exist."""
-    rows, cols = x.shape[2:]
-    out = np.zeros(x.shape)
-    around = [(0, 1), (-1, 0), (0, -1), (1, 0)]  # right, up, left, down: counter-clockwise where rows run downwards
-    for r in range(rows):
-        for c in range(cols):
-            for a, b in zip(around, around[1:] + around[:1], strict=True):
-                places = [(r + dr, c + dc) for dr, dc in (a, b)]
-                if all(0 <= i < rows and 0 <= j < cols for i, j in places):
-                    r_a, r_b = (x[:, :, i, j] - x[:, :, r, c] for i, j in places)
-                    out[:, :, r, c] += pressure[:, None] * np.cross(r_a, r_b)
-    return out
+    wide = np.pad(x, ((0, 0), (0, 0), (1, 1), (1, 1)), mode="edge")  # a missing neighbour is the particle: r = 0
+    # right, up, left, down: counter-clockwise where rows run downwards
+    around = [r - x for r in (wide[..., 1:-1, 2:], wide[..., :-2, 1:-1], wide[..., 1:-1, :-2], wide[..., 2:, 1:-1])]
+    p = pressure[:, None, None, None]
+    return np.sum([p * np.cross(a, b, axis=1) for a, b in zip(around, around[1:] + around[:1], strict=True)], 0)
 
 
 def hit_ball(
