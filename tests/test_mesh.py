@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from cloth_envs.registry import load_task
+from cloth_envs.resample import on_grid
 from training.bench.benchmark import find
-from training.bench.mesh import compare, decimated, fine_windows
+from training.bench.mesh import compare, fine_windows
 from training.bench.participants import MESH, Participant
 from training.truth import Case, load
 
@@ -44,7 +45,7 @@ def test_windows_are_the_fine_sheet_at_common_vertices(tmp_path: Path) -> None:
     # Every other handle of the pole, where the fine sheet was driven.
     driven = truth.controls[3].handle_positions[:, ::2]
     np.testing.assert_array_equal(np.sort(windows.controls[1].handle_positions, 1), np.sort(driven, 1))
-    small = decimated(truth.states[2], truth.scene, windows.scene)
+    small = on_grid(truth.states[2], truth.scene.grid, windows.scene.grid)
     np.testing.assert_array_equal(small.positions, windows.truth[0].positions)
 
 

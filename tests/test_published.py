@@ -30,12 +30,12 @@ from training.bench.papers.runs import (
     by_frame,
     held_out,
     measured,
-    miniature,
     motion,
     teacher,
     unscaled,
 )
 from training.bench.participants import extra
+from training.generate import miniature
 from training.rows import Store
 from training.upscaler.recipes import SCENES, SHIPPED
 

@@ -23,11 +23,13 @@ from tqdm import tqdm
 
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.scenes.task import Task
+from cloth_envs.state import State
 from cloth_envs.world import World
 from surrogates.miniature.coarse import CoarsePhysics
 from training.cache import cache_folder
 from training.rollouts import Recording, record, replay, seeded_actions
 
+HISTORY = 3  # coarse states that an upscaler may read: two of the past, and the present
 HELD_OUT_EVERY = 5  # one trajectory of so many
 STEPS = (0.75, 1.0, 1.0, 1.25)  # frames of a trajectory, of the scene's own; one of these at random
 
@@ -93,15 +95,22 @@ def simulate(task: Task, preset: str, rng: np.random.Generator, frames: int, pus
     return run
 
 
+def miniature(
+    run: Recording, factor: int, first: int, frames: int, preset: str = "lee2019", **options: Any
+) -> list[State]:
+    """Coarse states from the teacher's after ``first`` frames on: two of the past, the start, and ``frames`` more."""
+    solver = dict(solver_of(preset))
+    coarse = CoarsePhysics(run.scene, factor=factor, solver=solver.pop("solver", "explicit"), options=solver, **options)
+    coarse.frames = HISTORY + frames
+    deque(replay(coarse, run.states[first], run.controls[first : first + frames]), 0)
+    return coarse.history
+
+
 def miniature_runs(plan: Plan, run: Recording, factor: int) -> np.ndarray:
-    """Coarse positions ``(windows, 3 + window, 3, h, w)``: two frames of the past, the start, and a miniature run."""
-    options = dict(solver_of(plan.preset))
-    coarse = CoarsePhysics(run.scene, factor=factor, solver=options.pop("solver", "explicit"), options=options)
-    coarse.frames, runs = 3 + plan.window, []
-    for first in range(0, plan.frames - plan.window + 1, plan.window):
-        deque(replay(coarse, run.states[first], run.controls[first : first + plan.window]), 0)
-        runs.append(np.concatenate([state.positions for state in coarse.history]))
-    return np.stack(runs)
+    """Coarse positions ``(windows, 3 + window, 3, h, w)`` of a miniature in every window."""
+    starts = range(0, plan.frames - plan.window + 1, plan.window)
+    runs = [miniature(run, factor, first, plan.window, plan.preset) for first in starts]
+    return np.stack([np.concatenate([state.positions for state in states]) for states in runs])
 
 
 def write_shard(plan: Plan, folder: Path, index: int) -> None:

@@ -11,7 +11,7 @@ from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.naming import unknown_name
 from cloth_envs.physics.solver import reference
-from cloth_envs.resample import resample
+from cloth_envs.resample import on_grid
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from surrogates.miniature.closure import SCALINGS, load_factors, miniature_material
@@ -108,10 +108,8 @@ class CoarsePhysics:
     ) -> None:
         """Begin at fine cloths of fine materials; see ``Backend.reset``."""
         chosen = [self.fine.material] * state.batch if materials is None else materials
-        grids = self.fine.grid, self.scene.grid
-        small = {name: np.ascontiguousarray(resample(getattr(state, name), *grids)) for name in CLOTH}
         driven = state.positions.reshape(state.batch, 3, -1)[:, :, list(self.fine.handles)].transpose(0, 2, 1)
-        self.start(State(**(state.arrays() | small)), driven, [self.material(m) for m in chosen], which)
+        self.start(on_grid(state, self.fine.grid, self.scene.grid), driven, [self.material(m) for m in chosen], which)
 
     def start(
         self,

@@ -191,9 +191,9 @@ def saved(benchmark: Benchmark, folder: Path) -> dict[str, list[Any]]:
 
 def setup(about: Mapping[str, Any]) -> str:
     """Where and how rows were measured, for the top of a table and the foot of a chart."""
-    quick = ", QUICK: a trial run, not for citing" if about["quick"] else ""
-    engines = f", {about['engines']}" if about.get("engines") else ""
-    return f"{about['processor']}, {about.get('threads', 1)} thread{'s' * (about.get('threads', 1) > 1)}{engines}{quick}"
+    threads = about.get("threads", 1)
+    parts = [about["processor"], f"{threads} thread{'s' * (threads > 1)}", about.get("engines")]
+    return ", ".join(filter(None, [*parts, "QUICK: a trial run, not for citing" if about["quick"] else ""]))
 
 
 def revision() -> str:

@@ -14,10 +14,8 @@ import numpy as np
 from tqdm import tqdm
 
 from cloth_envs.registry import load_task
-from cloth_envs.resample import resample
-from cloth_envs.scene import Scene
-from cloth_envs.state import State
-from surrogates.miniature.coarse import CLOTH, coarse_scene
+from cloth_envs.resample import on_grid
+from surrogates.miniature.coarse import coarse_scene
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.measure import HORIZONS, Windows, errors, gather, mean
 from training.bench.participants import MESH, Participant, extra, label, truth
@@ -62,12 +60,6 @@ def table(rows: Sequence[MeshRow]) -> str:
     return "\n".join(lines)
 
 
-def decimated(state: State, fine: Scene, scene: Scene) -> State:
-    """``state`` of ``fine`` at the vertices of ``scene``."""
-    cloth = {n: np.ascontiguousarray(resample(getattr(state, n), fine.grid, scene.grid)) for n in CLOTH}
-    return State(**(state.arrays() | cloth))
-
-
 def fine_windows(cases: Sequence[Case], starts: Sequence[int], frames: int, cache: Path) -> Windows:
     """Windows on the grid of the scene, twice as coarse as that of ``cases``, whose truth is theirs.
 
@@ -83,9 +75,8 @@ def fine_windows(cases: Sequence[Case], starts: Sequence[int], frames: int, cach
         raise ValueError(f"{fine.name} has other handles on twice the mesh: its truth does not drive the same cloth")
     still = np.zeros((len(windows.seeds), len(handles.follows), 3))
     controls = [handles.controls(controls, still) for controls in windows.controls]
-    return replace(
-        windows, scene=scene, controls=controls, truth=[decimated(state, fine, scene) for state in windows.truth]
-    )
+    truth = [on_grid(state, fine.grid, scene.grid) for state in windows.truth]
+    return replace(windows, scene=scene, controls=controls, truth=truth)
 
 
 def compare(windows: Windows, participants: Sequence[Participant], horizons: Sequence[int] = HORIZONS) -> list[MeshRow]:

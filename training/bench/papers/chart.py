@@ -11,7 +11,8 @@ from cloth_envs.style import INK, import_figure
 from training.bench.charts import SHADE, WIDTH, dress, legend, save
 from training.bench.papers import runs
 from training.bench.papers.published import TABLE_7, FrameErrorRow, PublishedRow
-from training.bench.papers.runs import HISTORY, UNSCALED
+from training.bench.papers.runs import UNSCALED
+from training.generate import HISTORY, miniature
 from training.upscaler.recipes import SCENES, work_folder
 
 # method -> name, colour (Okabe & Ito 2008), marker, line.
@@ -143,8 +144,8 @@ def pictures(path: Path) -> None:
     for row, (scene, options, frames) in enumerate(SHOWN):
         run = runs.teacher(scene, frames, options)
         up = runs.upscalers(run, 2, ("bicubic", "hdnn", "fc"), work_folder() / "weights")
-        real, oracle = runs.miniature(run, 2, 0, frames), runs.decimated(run, 2)
-        shown = [("hdnn", runs.miniature(run, 2, 0, frames, **runs.unscaled(2))), ("fc", real), ("fc", oracle)]
+        real, oracle = miniature(run, 2, 0, frames), runs.decimated(run, 2)
+        shown = [("hdnn", miniature(run, 2, 0, frames, **runs.unscaled(2))), ("fc", real), ("fc", oracle)]
         shown += [("local" if "local" in up else "bicubic", oracle)]
         cloths = [up[name].positions(states[: HISTORY + frames][-HISTORY:]) for name, states in shown]
         renderer: Any = Renderer(run.scene)

@@ -21,6 +21,7 @@ from surrogates.checkpoint import WEIGHTS
 from training.bench.papers import runs
 from training.bench.papers.runs import READINGS, UNSCALED, UPSCALERS
 from training.bench.participants import Participant
+from training.generate import HISTORY, miniature
 from training.rows import Store
 from training.upscaler.recipes import FACTORS, SCENES, Recipe
 
@@ -88,10 +89,10 @@ def score(
     run = runs.teacher(scene, frames, options)
     found: dict[tuple[str, str], np.ndarray] = {}
     ups = runs.upscalers(run, factor, UPSCALERS, folder)
-    for protocol, states in (("oracle", runs.decimated(run, factor)), ("free", runs.miniature(run, factor, 0, frames))):
+    for protocol, states in (("oracle", runs.decimated(run, factor)), ("free", miniature(run, factor, 0, frames))):
         found |= {(protocol, name): runs.errors(run, up, states, factor) for name, up in ups.items()}
     if "hdnn" in ups:
-        states = runs.miniature(run, factor, 0, frames, **runs.unscaled(factor))
+        states = miniature(run, factor, 0, frames, **runs.unscaled(factor))
         found["free", UNSCALED] = runs.errors(run, ups["hdnn"], states, factor)
     if table == "T7":
         found["free", "teacher nudged"] = runs.nudged(run)
@@ -123,15 +124,15 @@ def windows(scene: str, factor: int, count: int, folder: Path | None = None) -> 
     for run in runs.held_out(scene, count):
         parts = [("oracle", 0, runs.decimated(run, factor))]
         for first in range(0, len(run.controls) - WINDOW + 1, WINDOW):
-            parts.append(("windows", first, runs.miniature(run, factor, first, WINDOW)))
+            parts.append(("windows", first, miniature(run, factor, first, WINDOW)))
         ups = runs.upscalers(run, factor, UPSCALERS, folder)
         for (protocol, first, states), (name, up) in product(parts, ups.items()):
             errors = runs.errors(run, up, states, factor, first)
             for length in (1, 5, 10, WINDOW) if protocol == "windows" else (len(errors),):
                 sums.setdefault((name, protocol, length, "error"), []).append(float(errors[:length].mean()))
             if hasattr(up, "seam"):
-                middle = states[: runs.HISTORY + len(errors) // 2]
-                seam = up.seam(middle[-runs.HISTORY :])
+                middle = states[: HISTORY + len(errors) // 2]
+                seam = up.seam(middle[-HISTORY:])
                 sums.setdefault((name, protocol, len(errors), "seam"), []).append(seam)
     for (name, protocol, frames, measure), values in sums.items():
         mean = float(np.mean(values))

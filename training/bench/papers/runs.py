@@ -4,7 +4,6 @@ Also flags that differ in what the paper leaves open (docs/networks.md): is thei
 On a real miniature all upscalers err alike, so there bicubic stands for them, over several starts.
 """
 
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -15,16 +14,16 @@ import numpy as np
 from cloth_envs.backend import Backend
 from cloth_envs.physics.solver import reference
 from cloth_envs.presets import load_preset, solver_of
-from cloth_envs.resample import resample
+from cloth_envs.resample import on_grid
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from surrogates.checkpoint import load
 from surrogates.miniature.backend import MiniatureBackend
-from surrogates.miniature.coarse import CLOTH, CoarsePhysics, coarse_scene
+from surrogates.miniature.coarse import coarse_scene
 from surrogates.upscale.local import Local, weights_name
 from surrogates.upscale.protocol import Upscaler, make_upscaler
 from surrogates.upscale.published import FullyConnected
-from training.generate import HELD_OUT_EVERY, Plan, draw, simulate, task_of
+from training.generate import HELD_OUT_EVERY, HISTORY, Plan, draw, miniature, simulate, task_of
 from training.metrics.errors import distances
 from training.rollouts import Recording, replay
 
@@ -35,7 +34,6 @@ UNSCALED = "hdnn unscaled"  # H-DNN-like as its paper has it: on a coarse cloth 
 # Recipes beside those shipped: learnt from real miniatures, and started at random.
 OTHERS = ("real", "real_4x128", "random")
 NUDGE = 1e-6  # m, standard deviation of how far a nudged teacher starts from the teacher
-HISTORY = 3
 # Bending springs, the wind's coefficient along the cloth, wind speed [m/s]. The first flag is ours.
 READINGS: list[dict[str, float]] = [
     *({"bending": b, "tangential": t} for b in (0.25, 0.0, 0.0625, 1.0) for t in (0.2, 0.0, 0.1, 0.3, 0.4)),
@@ -69,15 +67,6 @@ def cloths(run: Recording) -> np.ndarray:
     return np.concatenate([run.states[frame].positions for frame in range(1, len(run.states))])
 
 
-def miniature(run: Recording, factor: int, first: int, frames: int, **options: Any) -> list[State]:
-    """Coarse states from the teacher's after ``first`` frames on: two of the past, the start, and ``frames`` more."""
-    kwargs = dict(solver_of(PRESET))
-    coarse = CoarsePhysics(run.scene, factor=factor, solver=kwargs.pop("solver"), options=kwargs, **options)
-    coarse.frames = HISTORY + frames
-    deque(replay(coarse, run.states[first], run.controls[first : first + frames]), 0)
-    return coarse.history
-
-
 def unscaled(factor: int) -> dict[str, Any]:
     """Options of a miniature that is H-DNN's coarsest level: particles of the same mass and springs, farther apart."""
     return {"scaling": "calibrated", "factors": {"areal_density": factor**-2.0}}
@@ -86,12 +75,8 @@ def unscaled(factor: int) -> dict[str, Any]:
 def decimated(run: Recording, factor: int) -> list[State]:
     """The teacher's own states on the coarse grid, as ``miniature`` gives them: the oracle."""
     coarse, _ = coarse_scene(run.scene, factor, run.scene.material)
-    small = []
-    for state in [run.states[0]] * (HISTORY - 1) + list(run.states.values()):
-        cloth = {n: resample(getattr(state, n), run.scene.grid, coarse.grid) for n in CLOTH}
-        arrays = {n: np.ascontiguousarray(a, np.float32) for n, a in cloth.items()}
-        small.append(State(**{**state.arrays(), **arrays}))
-    return small
+    states = [run.states[0]] * (HISTORY - 1) + list(run.states.values())
+    return [on_grid(state, run.scene.grid, coarse.grid).astype(np.float32) for state in states]
 
 
 def upscalers(run: Recording, factor: int, names: Sequence[str], folder: Path | None = None) -> dict[str, Upscaler]:
