@@ -1,7 +1,5 @@
 """Sheet materials in SI units, and a few named fabrics."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
@@ -67,7 +65,7 @@ class Material:
         """Whether springs are another thing when they are shortened than when they are lengthened."""
         return (self.compression, self.post_buckling, self.compression_damping) != (1, 1, 1)
 
-    def with_changes(self, **changes: float) -> Material:
+    def with_changes(self, **changes: float) -> "Material":
         """A copy with some values replaced.
 
         Raises:

@@ -1,7 +1,5 @@
 """Scenes and backends by name. To add one of this package, add one line here; others register from outside."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from importlib.metadata import entry_points
 from inspect import signature
@@ -57,12 +55,11 @@ def env_id(scene: str) -> str:
     return f"MiniCloth-{scene}-v0"
 
 
-def load_task(name: str) -> type[Task]:
+def load_task(name: str) -> "type[Task]":
     """The Task class of a scene. Raises ValueError: unknown scene; the nearest match is named."""
     if not isinstance(name, str) or name not in SCENES:
         raise unknown_name("scene", name, SCENES)
-    task: type[Task] = resolve(SCENES[name])
-    return task
+    return resolve(SCENES[name])
 
 
 def register_backend(name: str, factory: BackendFactory | str, *, overwrite: bool = False) -> None:

@@ -1,7 +1,5 @@
 """What exists in a scene and which forces are modelled; no solver word in it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -73,7 +71,7 @@ class Scene:
     gravity: float = GRAVITY
     particles: Particles | None = None
 
-    def with_material(self, material: Material) -> Scene:
+    def with_material(self, material: Material) -> "Scene":
         return replace(self, material=material)
 
     @property

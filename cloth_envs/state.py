@@ -1,7 +1,5 @@
 """The one state that every backend steps, every renderer draws and every recorder writes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 
@@ -31,7 +29,7 @@ class State:
     time: np.ndarray
 
     @classmethod
-    def still(cls, positions: np.ndarray, colliders: np.ndarray | None = None) -> State:
+    def still(cls, positions: np.ndarray, colliders: np.ndarray | None = None) -> "State":
         """A batch at rest at ``positions`` ``(B, 3, H, W)``, in their dtype."""
         batch = len(positions)
         dtype = positions.dtype
@@ -50,23 +48,23 @@ class State:
     def batch(self) -> int:
         return len(self.time)
 
-    def copy(self) -> State:
+    def copy(self) -> "State":
         return State(**{name: value.copy() for name, value in self.arrays().items()})
 
     def arrays(self) -> dict[str, np.ndarray]:
         """The fields by name; no copies."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
-    def astype(self, dtype: np.dtype | type) -> State:
+    def astype(self, dtype: np.dtype | type) -> "State":
         """A copy in C order, the cloth and the bodies in another float type; wind, pressure, time stay float64."""
         keep = ("wind", "pressure", "time")
         return State(**{n: np.array(a, a.dtype if n in keep else dtype, order="C") for n, a in self.arrays().items()})
 
-    def select(self, which: np.ndarray | slice | list[int]) -> State:
+    def select(self, which: np.ndarray | slice | list[int]) -> "State":
         """A copy of some members of the batch."""
         return State(**{name: value[which].copy() for name, value in self.arrays().items()})
 
-    def assign(self, which: np.ndarray | slice | list[int], other: State) -> None:
+    def assign(self, which: np.ndarray | slice | list[int], other: "State") -> None:
         """Overwrite some members of the batch by those of ``other``."""
         for name, value in self.arrays().items():
             value[which] = getattr(other, name)
@@ -126,7 +124,7 @@ class Controls:
     pressure: np.ndarray
 
     @classmethod
-    def hold(cls, state: State, handles: tuple[int, ...]) -> Controls:
+    def hold(cls, state: State, handles: tuple[int, ...]) -> "Controls":
         """Controls that bring every handle and body to rest where it is now, with no wind or pressure."""
         flat = state.positions.reshape(state.batch, 3, -1)
         at = flat[:, :, list(handles)].transpose(0, 2, 1).astype(np.float64)

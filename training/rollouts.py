@@ -4,8 +4,6 @@ A task's controls follow from the state, so those of a run are recorded once and
 get the same handles, bodies, wind and pressure.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from time import perf_counter, process_time, thread_time
@@ -43,7 +41,7 @@ class Recording:
         """Numbers of the cloths that did not fail."""
         return [i for i, failure in enumerate(self.failures) if not failure]
 
-    def only(self, which: Sequence[int]) -> Recording:
+    def only(self, which: Sequence[int]) -> "Recording":
         """The same of some cloths."""
         chosen = list(which)
         return Recording(

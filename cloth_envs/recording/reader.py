@@ -1,7 +1,5 @@
 """``Rollout``: reads what ``RolloutWriter`` wrote."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
@@ -54,7 +52,7 @@ class Rollout(AbstractContextManager["Rollout"]):
         self.seeds: list[int | None] = [None if s < 0 else s for s in file["seeds"][: len(self.lengths)].tolist()]
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str]) -> Rollout:
+    def open(cls, path: str | os.PathLike[str]) -> "Rollout":
         """Open a file that ``RolloutWriter`` made.
 
         Raises:

@@ -1,7 +1,5 @@
 """``RolloutWriter``: gathers frames and writes them chunk by chunk; ``RecordRollout``: those of an environment."""
 
-from __future__ import annotations
-
 import os
 from contextlib import AbstractContextManager
 from pathlib import Path

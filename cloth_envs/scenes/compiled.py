@@ -17,5 +17,4 @@ def compiled(twin: Function) -> Function:
     30 us a step on an AVX-512 processor): a comment beside each says how many microseconds its NumPy source would add.
     """
     TWINS[twin.__name__] = twin
-    kernel: Function = getattr(kernels, twin.__name__)
-    return kernel
+    return getattr(kernels, twin.__name__)

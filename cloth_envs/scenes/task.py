@@ -1,7 +1,5 @@
 """What every scene file fills in: a Task maps actions to controls and states to rewards, batched."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -83,7 +81,7 @@ class Task(ABC):
         """The scene on ``grid``."""
 
     @classmethod
-    def with_options(cls, **options: float) -> type[Task]:
+    def with_options(cls, **options: float) -> "type[Task]":
         """The task with some of its ``options`` changed; for those that have any."""
         raise NotImplementedError(f"{cls.__name__} says how its options {', '.join(options)} change it")
 

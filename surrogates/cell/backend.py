@@ -10,8 +10,6 @@ On sheets the numbers are 1 to 1e-12 and frames are those of ``"reference"`` to 
 ``training/bench/papers/large_step.py`` for why several cells cannot take a larger step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +35,7 @@ def cnn(
     weights: str | None = None,
     engine: str = "compiled",
     device: str = "cpu",
-    forces: Sequence[Force] = (),
+    forces: "Sequence[Force]" = (),
 ) -> ParticleSolver | CellSheet:
     """The physics-embedded cell of Zhao 2024, fitted, in place of the solver's inner forces.
 

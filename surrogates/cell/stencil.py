@@ -3,8 +3,6 @@
 The same cell runs on CPUs through the compiled kernel of particles; see ``surrogates.cell.backend``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import torch
@@ -68,7 +66,7 @@ class StencilCell(nn.Module):
         self.register_buffer("lengths", None if lengths is None else lengths.to(dtype))
 
     @classmethod
-    def of(cls, cell: Cell, *, dtype: torch.dtype = torch.float32) -> StencilCell:
+    def of(cls, cell: Cell, *, dtype: torch.dtype = torch.float32) -> "StencilCell":
         """The torch twin of a cell of the compiled kernel, whose ``eps`` may be 0."""
         own = cls(eps=cell.eps or 1e-12, dtype=dtype)
         for name, values in zip(BRANCHES, (*cell.coefficients.T, cell.bias), strict=True):

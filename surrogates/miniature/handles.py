@@ -1,7 +1,5 @@
 """Which vertices of a coarse grid are driven, and how the fine cloth is put back to its handles."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +27,7 @@ class Handles(NamedTuple):
     pull: np.ndarray
 
     @classmethod
-    def of(cls, fine: Grid, coarse: Grid, handles: tuple[int, ...]) -> Handles:
+    def of(cls, fine: Grid, coarse: Grid, handles: tuple[int, ...]) -> "Handles":
         """Coarse vertices within a quarter of a cell of a handle, and the nearest ones to handles that have none."""
         ratio = np.divide(coarse.cells, fine.cells)
         place = np.stack(np.divmod(np.array(handles, np.intp), fine.cols), 1) * ratio  # in coarse cells

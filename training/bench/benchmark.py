@@ -4,8 +4,6 @@ One of over 250 lines is a room (``training/bench/<room>/``): ``rows.py`` (froze
 them), ``run.py`` (what measures them, and the ``BENCHMARK``) and, where there is one, ``chart.py`` (draws from rows).
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess
@@ -55,7 +53,7 @@ class Part:
 class Session:
     """One call of a benchmark: its options, its rows on disk (in memory without ``--out``), what it says of itself."""
 
-    def __init__(self, benchmark: Benchmark, given: argparse.Namespace) -> None:
+    def __init__(self, benchmark: "Benchmark", given: argparse.Namespace) -> None:
         self.benchmark, self.given = benchmark, given
         self.quick: bool = given.quick
         self.out: Path | None = given.out
@@ -179,8 +177,7 @@ def find(name: str) -> Benchmark:
     """
     if name not in BENCHMARKS:
         raise unknown_name("benchmark", name, BENCHMARKS)
-    found: Benchmark = import_module(BENCHMARKS[name]).BENCHMARK
-    return found
+    return import_module(BENCHMARKS[name]).BENCHMARK
 
 
 def saved(benchmark: Benchmark, folder: Path) -> dict[str, list[Any]]:

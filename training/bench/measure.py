@@ -1,7 +1,5 @@
 """The engine of all benchmarks: runs a participant from stretches of truth and tells errors, failures and time."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -49,7 +47,7 @@ class Windows:
         """Pairs of crossing triangles at the end of every seed's first window."""
         return crossing_triangles(self.scene.grid, self.truth[-1].positions[: self.starts.count(self.starts[0])])
 
-    def first(self, count: int) -> Windows:
+    def first(self, count: int) -> "Windows":
         """The first ``count`` of the batch."""
         if count >= len(self.seeds):
             return self
@@ -57,7 +55,7 @@ class Windows:
         truth = [state.select(slice(count)) for state in self.truth]
         return replace(self, seeds=self.seeds[:count], starts=self.starts[:count], controls=controls, truth=truth)
 
-    def until(self, frames: int) -> Windows:
+    def until(self, frames: int) -> "Windows":
         """The first ``frames`` of every stretch."""
         return replace(self, controls=self.controls[:frames], truth=self.truth[: frames + 1])
 

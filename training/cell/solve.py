@@ -1,7 +1,5 @@
 """Three ways to the parameters of the cell: least squares, and what the paper does, differential evolution and Adam."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from time import process_time
@@ -97,7 +95,7 @@ class Loss:
     forms: np.ndarray
 
     @classmethod
-    def of(cls, sums: Sums, name: str, weight: float) -> Loss:
+    def of(cls, sums: Sums, name: str, weight: float) -> "Loss":
         """``weight`` is lambda; in (m/s)^2 and m^2 summed as they are, over the step's own impulse size."""
         net, count = net_of(case(name).scene), case(name).scene.grid.vertices
         h, decay = net.sim_dt, np.exp(-net.drag * net.sim_dt)
