@@ -3,14 +3,11 @@
 from collections.abc import Mapping
 from importlib.metadata import entry_points
 from inspect import signature
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cloth_envs.backend import Backend, BackendFactory, check_keywords
 from cloth_envs.naming import resolve, unknown_name
 from cloth_envs.scene import Scene
-
-if TYPE_CHECKING:
-    from cloth_envs.scenes.task import Task
 
 # name -> "module:Task class"; the Gymnasium id is MiniCloth-<name>-v0.
 SCENES: dict[str, str] = {
@@ -55,8 +52,8 @@ def env_id(scene: str) -> str:
     return f"MiniCloth-{scene}-v0"
 
 
-def load_task(name: str) -> "type[Task]":
-    """The Task class of a scene. Raises ValueError: unknown scene; the nearest match is named."""
+def load_task(name: str) -> type[Any]:
+    """The ``scenes.task.Task`` class of a scene. Raises ValueError: unknown scene; the nearest match is named."""
     if not isinstance(name, str) or name not in SCENES:
         raise unknown_name("scene", name, SCENES)
     return resolve(SCENES[name])
