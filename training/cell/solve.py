@@ -41,6 +41,7 @@ class Recipe:
     vertices: int = 2048  # free particles drawn of each state
     physics: float = 0.5  # lambda of eq. 8, the weight of the physics loss
     batch: int = 256  # states
+    published: bool = False  # alpha and beta themselves, 12 weights a branch, as the paper has it
     seed: int = 0
 
     @property

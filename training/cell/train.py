@@ -45,11 +45,13 @@ CLOSED_FORM = "least_squares"
 def adam(recipe: Recipe, folder: Path) -> tuple[Fit, dict[str, Any]]:
     """The cell that the recipe trains, and what its card says."""
     grid = case("fall").scene.grid
-    lengths = torch.tensor(np.hypot(*(NEIGHBOURS * [grid.row_spacing, grid.col_spacing]).T))
+    lengths = (
+        None if recipe.published else torch.tensor(np.hypot(*(NEIGHBOURS * [grid.row_spacing, grid.col_spacing]).T))
+    )
     found = {name: sums(name, recipe.states, recipe.vertices, folder) for name in DATA[recipe.data]}
     loss = Loss(np.concatenate([Loss.of(part, name, recipe.physics).forms for name, part in found.items()]))
     scales, second = branch_scales(loss, lengths, recipe.seed)
-    cell = StencilCell(scales=scales, dtype=torch.float64, lengths=lengths, pairs=True)
+    cell = StencilCell(scales=scales, dtype=torch.float64, lengths=lengths, pairs=not recipe.published)
     generator = torch.Generator().manual_seed(recipe.seed)
     for parameter in cell.parameters():
         parameter.data = torch.rand(parameter.shape, generator=generator, dtype=parameter.dtype)
