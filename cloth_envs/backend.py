@@ -16,7 +16,9 @@ from cloth_envs.state import Controls, State
 class Backend(Protocol):
     """Physics for a batch of cloths of one scene.
 
-    It owns its state: callers read ``state`` and copy what they keep.
+    It owns its state: callers read ``state`` and copy what they keep; only ``time`` they may set. One that can't step
+    every material has a method ``check_material(material)`` too, which raises ValueError and says what to change:
+    environments ask it before anything is simulated.
     """
 
     scene: Scene

@@ -9,6 +9,7 @@ from cloth_envs.naming import unknown_name
 from cloth_envs.scene import Scene
 from cloth_envs.scenes.task import Task
 from cloth_envs.state import State
+from cloth_envs.time_limit import TimeLimits
 from cloth_envs.world import World, member
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         self.observation_space = self.world.observation_space
         self.action_space = self.world.action_space
         self._renderer: Renderer | None = None
+        self._limits = TimeLimits()
 
     @property
     def scene(self) -> Scene:
@@ -64,7 +66,7 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
     @property
     def state(self) -> State:
         """The present state, a batch of one; read only."""
-        return self.world.state
+        return self.world.state.read_only()
 
     @property
     def positions(self) -> np.ndarray:
@@ -90,6 +92,7 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         self.world.set_positions(positions, velocities)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        self._limits.find(self)
         super().reset(seed=seed)
         self.world.reset({0: self.np_random})
         return self._observation(), {}
@@ -107,15 +110,21 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         return self.world.get_state()
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Continue from what ``get_state`` gave, here or in another process, bit for bit.
+        """Continue from what ``get_state`` gave, here or in another process, bit for bit, time limit included.
 
         Raises:
-            ValueError: the state belongs to another scene or resolution.
+            ValueError: something is missing or not finite, or the state belongs to another scene, preset or resolution;
+                nothing has changed.
         """
+        before = int(self.world.frames[0])
         self.world.set_state(state)
+        self._limits.move(before, int(self.world.frames[0]))
         generator = self.world.rngs[0]
         if generator is not None:
             self.np_random = generator
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_renderer": None}  # a copy draws with its own
 
     def render(self) -> np.ndarray | None:
         if self.render_mode is None:

@@ -12,6 +12,7 @@ from cloth_envs.backend import keywords
 from cloth_envs.naming import unknown_name
 from cloth_envs.registry import load_backend
 from cloth_envs.scene import Scene
+from cloth_envs.snapshot import check_array
 from cloth_envs.state import State
 from cloth_envs.world import World, member
 
@@ -80,7 +81,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
     @property
     def state(self) -> State:
         """The present batched state; read only."""
-        return self.world.state
+        return self.world.state.read_only()
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
@@ -151,7 +152,11 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         """Continue from what ``get_state`` gave, bit for bit.
 
         Raises:
-            ValueError: the state belongs to another scene, resolution or number of environments.
+            ValueError: see ``World.set_state``; nothing has changed.
         """
-        self.world.set_state(state)
-        self._ended = np.asarray(state["ended"]).copy()
+        parts = dict(state)
+        if "ended" not in parts:
+            raise ValueError("this state lacks ended: pass what get_state() of a vector environment gave")
+        ended = check_array("ended", np.asarray(parts.pop("ended"), float), self._ended.shape)
+        self.world.set_state(parts)
+        self._ended = ended != 0

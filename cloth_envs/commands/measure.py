@@ -79,6 +79,7 @@ def restart(world: World, saved: dict[str, np.ndarray], grid: Grid) -> None:
     for name in ("state.positions", "state.velocities"):
         state[name] = resample(saved[name], grid, world.scene.grid)
     own = world.get_state()
+    state["scene"] = own["scene"]
     for name, value in saved.items():
         if name.startswith("memory.") and own[name].shape != value.shape:
             state[name] = own[name]

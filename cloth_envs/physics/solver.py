@@ -122,13 +122,17 @@ class Solver(ABC):
         if memory:
             raise ValueError(f"{type(self).__name__} remembers nothing beyond its state, got {', '.join(memory)}")
 
+    def check_material(self, material: Material) -> None:
+        """Refuse what this solver can't step; a solver adds its own limits. Raises ValueError: says what to change."""
+        if material.yields and not self.yields:
+            raise ValueError(
+                f"{type(self).__name__} has no springs that yield under compression: use solver='explicit', "
+                "or leave the material's compression, post_buckling and compression_damping at 1"
+            )
+
     @abstractmethod
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
-        """Prepare some members for new materials; off the hot path.
-
-        Raises:
-            ValueError: a material that this solver can't step; says what to change.
-        """
+        """Prepare some members for new materials, which ``check_material`` let through; off the hot path."""
 
     @abstractmethod
     def step(self, old: State, new: State, controls: Controls) -> None:
@@ -144,11 +148,8 @@ class Solver(ABC):
         if state.batch != len(members):
             raise ValueError(f"the state holds {state.batch} cloths, expected {len(members)}")
         chosen = [self.scene.material] * len(members) if materials is None else list(materials)
-        if not self.yields and any(material.yields for material in chosen):
-            raise ValueError(
-                f"{type(self).__name__} has no springs that yield under compression: use solver='explicit', "
-                "or leave the material's compression, post_buckling and compression_damping at 1"
-            )
+        for material in set(chosen):
+            self.check_material(material)
         self.set_materials(members, chosen)
         state = state.astype(self.dtype)
         if which is None:

@@ -3,15 +3,26 @@
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
+from cloth_envs.grid import Grid
 from cloth_envs.naming import unknown_name
 from cloth_envs.scene import Scene
 from surrogates.checkpoint import of_factor
 from surrogates.miniature.closure import card
-from surrogates.miniature.coarse import CoarsePhysics
+from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
 from surrogates.miniature.correction import Correction, shipped
 from surrogates.miniature.upscaled import Upscaled
 from surrogates.upscale.local import weights_name
 from surrogates.upscale.protocol import make_upscaler
+
+OBLONG = 1.5
+
+
+def _square(grid: Grid, factor: int) -> bool:
+    """Whether the cells of a grid and of its coarse one are about as long as wide, as in training."""
+    ratios = [np.log(g.row_spacing / g.col_spacing) for g in (grid, coarse_grid(grid, factor))]
+    return bool(np.abs(ratios).max() <= np.log(OBLONG))
 
 
 class MiniatureBackend(Upscaled):
@@ -23,7 +34,8 @@ class MiniatureBackend(Upscaled):
         scaling: ``"similar"`` (the sheet's own material), ``"seed"`` (the paper's spring constants, ``factor^2``
             times too stiff), ``"calibrated"`` (factors fitted per scene), ``"closure"`` (those and a law of springs
             in compression, fitted too). With neither this nor an upscaler given, ``"closure"`` and ``"local"`` where
-            both are shipped for the scene, else, and if only one is given, ``"similar"`` and ``"bicubic"``.
+            both are shipped for the scene (``"bicubic"`` on cells over ``OBLONG`` times longer than wide, which the
+            networks have not seen), else, and if only one is given, ``"similar"`` and ``"bicubic"``.
         factors: of a calibration of your own, ``{material property: multiplier}``, instead of the shipped ones.
         upscaler: an interpolation, ``"bilinear"``, ``"biquadratic"`` or ``"bicubic"``, a network by name, or
             ``"module:Class"``.
@@ -58,7 +70,7 @@ class MiniatureBackend(Upscaled):
             raise ValueError(f"guard must be True or False, got {guard!r}")
         fitted = scene.name in card("closure")["scenes"] and of_factor(weights_name("local", scene.name), factor)
         if scaling is None and upscaler is None and solver == "explicit" and fitted:
-            scaling, upscaler = "closure", "local"
+            scaling, upscaler = "closure", "local" if _square(scene.grid, factor) else "bicubic"
         self.factor, self.scaling, self.upscaler = factor, scaling or "similar", upscaler or "bicubic"
         coarse = CoarsePhysics(
             scene,

@@ -88,6 +88,12 @@ class CoarsePhysics:
         """What a cloth of material ``fine`` is made of on the coarse grid."""
         return miniature_material(fine, self.factor, self.scaling, self._factors)
 
+    def check_material(self, fine: Material) -> None:
+        """Refuse a fine material whose coarse one the solver can't step. Raises ValueError: says what to change."""
+        check = getattr(self.solver, "check_material", None)
+        if check is not None:
+            check(self.material(fine))
+
     def correct(self, correction: Correction) -> None:
         """Let a network change every frame from now on.
 

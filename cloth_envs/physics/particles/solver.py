@@ -109,9 +109,12 @@ class ParticleSolver(Solver):
         self.substeps = np.full(num_envs, steps_a_frame(scene) * refine, np.int32)
         self._kernel = make_kernel(scene, mass_spring_cell(scene), dtype=dtype, refine=refine)
 
-    def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
-        if any(material != self.scene.material for material in materials):
+    def check_material(self, material: Material) -> None:
+        if material != self.scene.material:
             raise ValueError("a net of particles has no material to change: its settings are scene.particles")
+
+    def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
+        """Nothing to prepare."""
 
     def step(self, old: State, new: State, controls: Controls) -> None:
         self._kernel.advance(old, new, controls, self.threads)
