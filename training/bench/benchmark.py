@@ -25,6 +25,7 @@ BENCHMARKS: dict[str, str] = {
     "stability": "training.bench.stability.run",
     "transfer": "training.bench.transfer.run",
     "mesh": "training.bench.mesh",
+    "endurance": "training.bench.endurance",
     "convergence": "training.bench.convergence",
     "peers": "training.bench.peers.run",
     "tables": "training.bench.papers.run",
