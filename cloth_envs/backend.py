@@ -81,6 +81,24 @@ def check_keywords(factory: Callable[..., Any], given: Mapping[str, Any], whose:
             raise unknown_name(f"keyword for {whose}:", keyword, known)
 
 
+def plain_words(options: Mapping[str, Any]) -> dict[str, Any]:
+    """``options`` with ``physics`` and ``physics_kwargs`` as ``backend`` and ``backend_kwargs``, which they stand for.
+
+    TorchRL's ``GymEnv`` keeps the word ``backend`` to itself, so there are others.
+
+    Raises:
+        ValueError: both words for one thing, with different values.
+    """
+    plain = dict(options)
+    for name, word in (("backend", "physics"), ("backend_kwargs", "physics_kwargs")):
+        value = plain.pop(word, None)
+        if value is not None:
+            if (plain.get(name) or value) != value:
+                raise ValueError(f"{word}= is another word for {name}=: give one of {plain[name]!r} and {value!r}")
+            plain[name] = value
+    return plain
+
+
 def read_object(text: str, what: str) -> dict[str, Any]:
     """A JSON object. Raises ValueError: not JSON, or not an object."""
     try:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 import numpy as np
 
+from cloth_envs.backend import plain_words
 from cloth_envs.naming import unknown_name
 from cloth_envs.scene import Scene
 from cloth_envs.scenes.task import Task
@@ -26,6 +27,8 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         backend: which physics, by name or as ``module:attribute``: spaces, seeds and task are the same for all.
         backend_kwargs: passed to the backend; ``"reference"`` takes a ``solver`` and that solver's own options
             (see ``cloth_envs.physics.solver.SOLVERS``).
+        physics, physics_kwargs: other words for these two, where a library keeps ``backend`` to itself, as TorchRL's
+            ``GymEnv`` does.
         obs: ``"keypoints"``, a flat Box, or ``"mesh"``, a Dict of the geometry image ``mesh`` ``(6, H, W)``
             (positions, velocities) and the numbers of the ``task``.
         material: a fabric's name or a dict of ``Material`` properties.
@@ -45,7 +48,7 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
     def __init__(self, scene: str, *, render_mode: str | None = None, **options: Any) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise unknown_name("render_mode", render_mode, self.metadata["render_modes"])
-        self.world = World(scene, **options)
+        self.world = World(scene, **plain_words(options))
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(1 / self.scene.frame_dt)}
         self.observation_space = self.world.observation_space

@@ -8,7 +8,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from cloth_envs.backend import keywords
+from cloth_envs.backend import keywords, plain_words
 from cloth_envs.naming import unknown_name
 from cloth_envs.registry import load_backend
 from cloth_envs.scene import Scene
@@ -41,7 +41,6 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         num_envs: int = 1,
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
-        backend_kwargs: dict[str, Any] | None = None,
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
@@ -56,10 +55,11 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         threads = min(
             num_envs, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         )
-        given: Any = backend_kwargs or {}
+        options = plain_words(options)
+        given = options.get("backend_kwargs") or {}
         if isinstance(given, dict) and "threads" in keywords(load_backend(options.get("backend", "reference"))):
-            given = {"threads": threads, **given}
-        self.world = World(scene, num_envs=num_envs, backend_kwargs=given, **options)
+            options["backend_kwargs"] = {"threads": threads, **given}
+        self.world = World(scene, num_envs=num_envs, **options)
         self.num_envs = num_envs
         self.render_mode = None
         self.metadata = {
