@@ -19,9 +19,9 @@ from typing import Any
 
 import h5py
 import numpy as np
-from tqdm import tqdm
 
 from cloth_envs.presets import load_preset, solver_of
+from cloth_envs.progress import progress
 from cloth_envs.scenes.task import Task
 from cloth_envs.state import State
 from cloth_envs.world import World
@@ -144,7 +144,7 @@ def generate(plan: Plan, folder: Path, count: int, workers: int = 1) -> int:
     job = partial(write_shard, plan, folder)
     with get_context("spawn").Pool(workers) if min(workers, len(wanted)) > 1 else nullcontext() as pool:
         written = pool.imap_unordered(job, wanted) if pool else map(job, wanted)
-        deque(tqdm(written, f"{plan.scene} trajectories", len(wanted), disable=None), 0)
+        deque(progress(written, f"{plan.scene}, new trajectories", len(wanted)), 0)
     return len(wanted)
 
 

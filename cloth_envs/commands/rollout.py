@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-from tqdm import tqdm
 
 from cloth_envs.commands.outputs import check_pictures, write_pictures
 from cloth_envs.files import check_file
 from cloth_envs.policies import open_loop
+from cloth_envs.progress import progress
 from cloth_envs.recording import RecordRollout, Rollout
 from cloth_envs.registry import EPISODE_FRAMES, env_id, load_task
 
@@ -52,7 +52,7 @@ def rollout(
         env.reset(seed=seed)
         states = [cloth.state.copy()]
         total, failure = 0.0, None
-        for action in tqdm(actions, scene, unit="frame", disable=None):
+        for action in progress(actions, scene, len(actions), unit="frame"):
             _, reward, terminated, _, info = env.step(action)
             total += float(reward)
             if drawn:
