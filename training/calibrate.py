@@ -4,7 +4,6 @@ Factors of the material are fitted so that short windows of the coarse cloth, st
 that does. A closure starts from the calibrated factors. What the file holds already is kept.
 """
 
-import argparse
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from cloth_envs.machine import header
+from cloth_envs.parsing import Parser
 from cloth_envs.registry import SCENES
 from cloth_envs.resample import resample
 from surrogates.checkpoint import WEIGHTS
@@ -112,7 +112,7 @@ def card(data: Recording, factor: int, scaling: str, factors: dict[str, float]) 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fit what the file lacks. Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m training.calibrate", description=__doc__)
+    parser = Parser(prog="python -m training.calibrate", description=__doc__)
     parser.add_argument("--scaling", choices=list(HORIZONS), default="calibrated")
     parser.add_argument("--scenes", nargs="*", default=list(SCENES))
     parser.add_argument("--factors", nargs="*", type=int, default=[2, 3, 4])

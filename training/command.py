@@ -1,6 +1,6 @@
 """What trainings share: their command line, and how the weights of a scene at a grid factor are kept."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from cloth_envs.machine import header
+from cloth_envs.parsing import Parser
 from cloth_envs.registry import SCENES
 from surrogates.checkpoint import WEIGHTS, add_factor, written
 from training.cache import cache_folder
@@ -25,7 +26,7 @@ def read(
     Raises:
         ValueError: an unknown scene.
     """
-    parser = ArgumentParser(prog=f"minicloth train {name}", description=about)
+    parser = Parser(prog=f"minicloth train {name}", description=about)
     parser.add_argument("--scenes", nargs="*", default=list(SCENES))
     if factors:
         parser.add_argument("--factors", nargs="*", type=int, default=list(factors), choices=[2, 3, 4])

@@ -5,7 +5,6 @@ is held out. Stored are whole frames in HDF5 files, one a trajectory: the teache
 runs, started from the teacher again after every ``window`` frames. What is there is kept.
 """
 
-import argparse
 import hashlib
 import json
 from collections import deque
@@ -20,6 +19,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from cloth_envs.parsing import Parser
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.progress import progress
 from cloth_envs.scenes.task import Task
@@ -155,7 +155,7 @@ def data_folder(scene: str, preset: str) -> Path:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the trajectories. Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="minicloth generate", description=__doc__)
+    parser = Parser(prog="minicloth generate", description=__doc__)
     parser.add_argument("scene", metavar="SCENE", help="Curtain, Flag or Collision")
     parser.add_argument("--preset", default="lee2019", help="a preset with mass and spring as options (lee2019)")
     counts = {"trajectories": (60, "in all, with those that are there"), "frames": (100, "of each")}

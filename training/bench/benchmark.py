@@ -15,6 +15,7 @@ from typing import Any
 
 from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
+from cloth_envs.parsing import Parser
 from cloth_envs.registry import SCENES
 from training.cache import cache_folder
 from training.rows import Store, read_names, read_rows
@@ -120,9 +121,9 @@ class Benchmark:
         """Stem of the JSON file that says on what and how the rows were measured."""
         return self.name.replace("-", "_")
 
-    def parser(self) -> argparse.ArgumentParser:
+    def parser(self) -> Parser:
         """The options that all benchmarks have, and its own."""
-        top = argparse.ArgumentParser(prog=f"minicloth bench {self.name}", description=self.about)
+        top = Parser(prog=f"minicloth bench {self.name}", description=self.about)
         top.add_argument("--scenes", help="default: " + ",".join(self.scenes))
         top.add_argument("--quick", action="store_true", help="a trial run in 2 minutes; says that it is quick")
         top.add_argument("--out", type=Path, help="folder for rows (CSV), their header (JSON) and charts")

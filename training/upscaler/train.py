@@ -6,7 +6,6 @@ optimised units learn what bilinear interpolation misses; units that pass the co
 training goes on, bit for bit.
 """
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -20,6 +19,7 @@ from scipy.linalg import block_diag
 
 from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
+from cloth_envs.parsing import Parser
 from surrogates.checkpoint import WEIGHTS, save
 from surrogates.upscale.published import Mlp
 from training.fit import Kept, cosine, fit
@@ -100,7 +100,7 @@ def train(recipe: Recipe, pairs: Pairs, kept: Kept) -> tuple[dict[str, np.ndarra
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Train the network, write its weights and their card. Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="minicloth train upscaler", description=__doc__)
+    parser = Parser(prog="minicloth train upscaler", description=__doc__)
     parser.add_argument("--recipe", required=True, help="one of " + ", ".join(RECIPES))
     parser.add_argument("--data", type=Path, help="folder of `minicloth generate` (default: in the user's cache)")
     parser.add_argument("--out", type=Path, help="folder of the weights (default: the package's, or a cache)")
