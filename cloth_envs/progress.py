@@ -50,6 +50,11 @@ def progress(
     _tell(label, number, count, unit, _time(monotonic() - begin))
 
 
+def announce(text: str) -> None:
+    """Say on standard error what is going to be done, how much of it and where it goes, before it begins."""
+    print(text, file=sys.stderr, flush=True)
+
+
 def say(text: str) -> None:
     """Print a line on standard output, above the bar if there is one."""
     tqdm.write(text)

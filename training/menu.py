@@ -12,7 +12,7 @@ from training.bench.benchmark import BENCHMARKS
 
 
 def about(module: str) -> str:
-    """What the first line of a module's docstring says of its command; the module, which may lack a package, is read."""
+    """What a module's docstring says of its command; read, not imported: the module may need what is missing."""
     spec = find_spec(module)
     text = ast.get_docstring(ast.parse(Path(spec.origin).read_text(encoding="utf-8"))) if spec and spec.origin else None
     return (text or "").split("\n")[0].partition(": ")[2]

@@ -102,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if words and not words[0].startswith("-"):
             one_of("command", words[0], RUNS)
-        given = parser(RUNS).parse_args(words)
+        given = parser(RUNS).parse_args(words or ["--help"])
         text = given.run(given)
         if text:
             print(text, flush=True)

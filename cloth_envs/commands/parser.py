@@ -95,9 +95,7 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> Pa
     sub.add_argument("--out", type=Path, metavar="OUT.html", help="the page, which must be named")
 
     sub = command("generate", "Simulate trajectories to learn from; goes on where it was stopped.")
-    sub.add_argument(
-        "scene", metavar="SCENE", nargs="?", help="a scene that has the preset; without it they are listed"
-    )
+    sub.add_argument("scene", metavar="SCENE", nargs="?", help="which; without it they are listed")
     sub.add_argument("options", nargs=argparse.REMAINDER, help="more, see `minicloth generate SCENE --help`")
 
     sub = command("train", "Train a network; without NAME they are listed. Goes on where it was stopped.")

@@ -16,6 +16,7 @@ from typing import Any
 from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
 from cloth_envs.parsing import Parser
+from cloth_envs.progress import announce
 from cloth_envs.registry import SCENES
 from training.cache import cache_folder
 from training.rows import Store, read_names, read_rows
@@ -77,6 +78,19 @@ class Session:
             path = self.out / f"{stem}.csv" if self.out else None
             self._stores[stem] = Store(path, file.kind, file.key, fresh=self.given.fresh)
         return self._stores[stem]
+
+    def plan(self) -> str:
+        """What is going to be measured, and where it goes."""
+        there = {} if self.out is None or self.given.fresh else saved(self.benchmark, self.out)
+        kept = f"{sum(map(len, there.values()))} rows that it holds are kept"
+        goes_on = f"rows go into {self.out}, where {kept}; stopped by Ctrl-C, the same command goes on"
+        lost = "rows are printed in the end and lost where it is stopped: --out FOLDER keeps them"
+        quick = "a trial run of 2 minutes" if self.quick else "minutes to hours (--quick: a trial run)"
+        return (
+            f"{self.benchmark.name}, {quick}: {self.benchmark.about}\n"
+            f"Scenes {', '.join(self.scenes)}; {goes_on if self.out else lost}. "
+            f"What takes long to make is kept in {self.cache('')}."
+        )
 
     def write(self, header: Path | None) -> None:
         """What the session says of itself, as JSON."""
@@ -153,6 +167,7 @@ class Benchmark:
             if old and old["quick"] != session.quick and not session.given.fresh:
                 kind = "without" if session.quick else "of"
                 raise ValueError(f"{session.out} holds rows {kind} --quick: choose another --out, or --fresh")
+            announce(session.plan())
             print(setup(session.about))
             session.write(header)
             self.measure(session)
