@@ -95,7 +95,7 @@ def check_seeds(value: object, count: int) -> list[int | None]:
     if first is not None:
         return [whole_number("seed", first, 0) + i for i in range(count)]
     if items is None:
-        raise ValueError(f"seed must be a whole number of at least 0 or a list of {count} of them, got {value!r}")
+        raise ValueError(f"seed must be a whole number of at least 0 or a list of {count} of them, got {shown(value)}")
     if len(items) != count:
         raise ValueError(f"got {len(items)} seeds for {count} environments; pass one number or {count} of them")
     return [check_seed(item) for item in items]
@@ -134,13 +134,14 @@ def read_actions(given: Any, shape: tuple[int, ...], meaning: Sequence[str]) -> 
     actions = as_array(given)
     if actions is None:
         raise ValueError(
-            f"action must be numbers in [-1, 1] of shape {shape} ({', '.join(meaning)}), got {_short(given)}"
+            f"action must be numbers in [-1, 1] of shape {shape} ({', '.join(meaning)}), got {shown(given)}"
         )
     if actions.shape != shape:
         raise ValueError(f"action has shape {actions.shape}, expected {shape}: {', '.join(meaning)}")
     return actions.astype(np.float64, copy=False)
 
 
-def _short(value: object) -> str:
+def shown(value: object) -> str:
+    """The start of what ``repr`` says, on one line: arrays are long."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 60 else f"{text[:57]}..."

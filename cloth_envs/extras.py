@@ -41,8 +41,8 @@ def install(extra: str) -> str:
 
 
 def missing(what: str, error: ImportError) -> str:
-    """What ``what`` lacks, and the line that installs it if that is one of ``EXTRAS``."""
-    package = (error.name or "").split(".")[0]
+    """What ``what`` lacks, and the line that installs it if that is one of ``EXTRAS``; else what ``error`` says."""
+    package = (error.name or "").split(".")[0] if isinstance(error, ModuleNotFoundError) else ""
     extra = EXTRAS.get(package)
     return f"{what} needs {package} ({error}): {install(extra)}" if extra else str(error)
 

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cloth_envs.arguments import as_items, as_whole
+from cloth_envs.arguments import as_items, as_whole, shown
 
 
 @dataclass(frozen=True)
@@ -141,5 +141,5 @@ def check_resolution(resolution: Sequence[int] | None, default: tuple[int, int])
     items = as_items(resolution) or []
     rows, cols = map(as_whole, items) if len(items) == 2 else (None, None)
     if rows is None or cols is None:
-        raise ValueError(f"resolution must be two whole numbers (rows, cols) such as (33, 49), got {resolution!r}")
+        raise ValueError(f"resolution must be two whole numbers (rows, cols) such as (33, 49), got {shown(resolution)}")
     return rows, cols

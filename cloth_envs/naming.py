@@ -30,9 +30,9 @@ def resolve(path: str) -> Any:
     try:
         found = import_module(module)
     except Exception as error:  # a stranger's module may raise anything
-        lacks = error.name if isinstance(error, ModuleNotFoundError) else None
-        if isinstance(error, ImportError) and lacks in EXTRAS:
-            raise ImportError(missing(repr(path), error), name=lacks) from error
+        lacks = (error.name or "") if isinstance(error, ModuleNotFoundError) else ""
+        if isinstance(error, ModuleNotFoundError) and lacks.split(".")[0] in EXTRAS:
+            raise ImportError(missing(repr(path), error)) from error
         if lacks and f"{module}.".startswith(f"{lacks}."):
             raise ValueError(
                 f"there is no module {lacks!r} for {path!r}: install the package that holds it, or add its folder to "

@@ -43,7 +43,7 @@ def progress(
     for item in items:
         yield item
         number, now = number + 1, monotonic()
-        if now - told >= max(EVERY, SHARE * (now - begin)):
+        if number != count and now - told >= max(EVERY, SHARE * (now - begin)):
             left = "" if count is None else f", about {_time((now - begin) / (number - done) * (count - number))} left"
             _tell(label, number, count, unit, f"{_time(now - begin)}{left}")
             told = now

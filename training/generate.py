@@ -50,7 +50,7 @@ class Plan:
     layout: int = 1
 
     def size(self, grid: Grid) -> int:
-        """Bytes of one trajectory on ``grid``: float32 positions of the teacher and, window by window, its miniatures."""
+        """Bytes of a trajectory on ``grid``: float32 positions of the teacher and, window by window, its miniatures."""
         windows, vertices = self.frames // self.window, (self.frames + 1) * grid.vertices
         for factor in self.factors:
             vertices += windows * (HISTORY + self.window) * coarse_grid(grid, factor).vertices

@@ -10,6 +10,7 @@ from typing import Any
 from cloth_envs.arguments import one_of
 from cloth_envs.commands.parser import parser
 from cloth_envs.extras import load, missing
+from cloth_envs.naming import unknown_name
 
 
 def _list(given: argparse.Namespace) -> str:
@@ -98,11 +99,11 @@ RUNS: dict[str, Callable[[argparse.Namespace], str | None]] = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command. Returns the exit code: 0, 2 for what the user can put right, 130 when interrupted."""
-    words = list(sys.argv[1:] if argv is None else argv)
+    words, top = list(sys.argv[1:] if argv is None else argv), parser(RUNS)
+    if words and not words[0].startswith("-") and words[0] not in RUNS:
+        top.error(str(unknown_name("command", words[0], RUNS)))
+    given = top.parse_args(words)
     try:
-        if words and not words[0].startswith("-"):
-            one_of("command", words[0], RUNS)
-        given = parser(RUNS).parse_args(words or ["--help"])
         text = given.run(given)
         if text:
             print(text, flush=True)

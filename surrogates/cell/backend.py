@@ -61,7 +61,7 @@ def cnn(
         try:
             from surrogates.cell.engine import TorchNet, TorchSheet, usable
         except ImportError as error:
-            raise ImportError(missing('engine="torch"', error), name=error.name) from error
+            raise ImportError(missing('engine="torch"', error)) from error
         net, sheet, options = TorchNet, TorchSheet, options | {"device": usable(device), "forces": forces}
     elif forces or device != "cpu":
         raise ValueError('forces and device belong to engine="torch": add it, or leave them out')
