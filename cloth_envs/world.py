@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from cloth_envs.arguments import one_of, read_actions
 from cloth_envs.failure import Failures
 from cloth_envs.grid import check_resolution
-from cloth_envs.material import Material, as_material, check_ranges
-from cloth_envs.naming import unknown_name
+from cloth_envs.material import Material, as_material, check_ranges, warn_unusual
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import BACKENDS, load_task, make_backend, register_backend
 from cloth_envs.scenes.drives import clip_actions
@@ -55,26 +55,28 @@ class World:
             "scene": scene, "num_envs": num_envs, "backend": backend, "backend_kwargs": backend_kwargs, "obs": obs,
             "material": material, "randomize": randomize, "resolution": resolution, "preset": preset,
         }  # fmt: skip
-        if obs not in OBSERVATIONS:
-            raise unknown_name("observation", obs, OBSERVATIONS)
+        one_of("observation", obs, OBSERVATIONS)
+        self.ranges = check_ranges(randomize)
         if not isinstance(scene, str):
             task_class = scene
         else:
             task_class = load_task(scene) if preset is None else load_preset(scene, preset)
-        for name, value in {"material": material, "randomize": randomize, "resolution": resolution}.items():
-            if value and name in task_class.fixed:
+        given = {"material": material, "randomize": self.ranges or None, "resolution": resolution}
+        for name in task_class.fixed:
+            if given[name] is not None:
                 raise ValueError(f"preset={preset!r} fixes the {name}: leave {name}= out")
         base = as_material(material, task_class.material)
-        self.ranges = check_ranges(randomize)
         shape = check_resolution(resolution, task_class.resolution)
         self.task: Task = task_class(task_class.make_scene(resolution=shape, material=base))
         self.scene = self.task.scene
-        if backend == "reference" and "solver" not in (backend_kwargs or {}):
-            backend_kwargs = {**solver_of(preset), **(backend_kwargs or {})}
-        self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=backend_kwargs)
+        chosen = {} if backend_kwargs is None else backend_kwargs
+        if backend == "reference" and isinstance(chosen, Mapping) and "solver" not in chosen:
+            chosen = {**solver_of(preset), **chosen}
+        self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=chosen)
         self._check_ranges()
+        warn_unusual(material, self.ranges)
         self._identity = identity(task_class, self.scene)
-        own = {name: value for name, value in (backend_kwargs or {}).items() if name != "threads"}
+        own = {name: value for name, value in chosen.items() if name != "threads"}
         self._physics = f"{backend} {json.dumps(own, sort_keys=True, default=repr)}"
         self.num_envs, self.obs = num_envs, obs
         self.failures = Failures(self.scene, self.task.max_strain)
@@ -176,13 +178,7 @@ class World:
             ValueError: actions of the wrong shape or not finite; nothing has moved then.
         """
         episode, before = self.episode, self.state
-        actions = np.asarray(actions, np.float64)
-        expected = (self.num_envs, len(self.task.actions))
-        if actions.shape != expected:
-            raise ValueError(
-                f"action has shape {actions.shape[1:]}, expected {expected[1:]}: {', '.join(self.task.actions)}"
-            )
-        clipped = clip_actions(actions)
+        clipped = clip_actions(read_actions(actions, (self.num_envs, len(self.task.actions)), self.task.actions))
         if clipped is None:
             raise ValueError("action holds NaN or infinity; the state is unchanged, pass numbers in [-1, 1]")
         episode.action = clipped

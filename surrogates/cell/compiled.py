@@ -41,7 +41,7 @@ class CellNet(ParticleSolver):
 
     def __init__(self, scene: Scene, cell: Cell, *, dtype: str = "float32", **options: int) -> None:
         super().__init__(scene, dtype=dtype, **options)
-        self._kernel = make_kernel(scene, cell, dtype=dtype)
+        self._kernel = make_kernel(scene, cell, dtype=self.dtype.name)
 
 
 class CellSheet(ExplicitSolver):

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from cloth_envs.arguments import as_whole, one_of, true_or_false
 from cloth_envs.grid import Grid
-from cloth_envs.naming import unknown_name
 from cloth_envs.scene import Scene
 from surrogates.checkpoint import of_factor
 from surrogates.miniature.closure import card
@@ -64,10 +64,13 @@ class MiniatureBackend(Upscaled):
         solver: str = "explicit",
         solver_kwargs: Mapping[str, Any] | None = None,
     ) -> None:
-        if isinstance(factor, bool) or factor not in (2, 3, 4):
+        cells = as_whole(factor)
+        if cells not in (2, 3, 4):
             raise ValueError(f"factor must be 2, 3 or 4, got {factor!r}")
-        if not isinstance(guard, bool):
-            raise ValueError(f"guard must be True or False, got {guard!r}")
+        factor, guard = cells, true_or_false("guard", guard)
+        for name, options in {"factors": factors, "solver_kwargs": solver_kwargs}.items():
+            if options is not None and not isinstance(options, Mapping):
+                raise ValueError(f"{name} must be a dict, got {options!r}")
         fitted = scene.name in card("closure")["scenes"] and of_factor(weights_name("local", scene.name), factor)
         if scaling is None and upscaler is None and solver == "explicit" and fitted:
             scaling, upscaler = "closure", "local" if _square(scene.grid, factor) else "bicubic"
@@ -82,8 +85,7 @@ class MiniatureBackend(Upscaled):
             options={"threads": threads, **(solver_kwargs or {})},
         )
         if correction is not None:
-            if correction != "learned":
-                raise unknown_name("correction", correction, ["learned"])
+            one_of("correction", correction, ["learned"])
             if self.scaling != "closure":
                 raise ValueError(f'correction={correction!r} was trained on scaling="closure", got {self.scaling!r}')
             coarse.correct(Correction(coarse.scene, shipped(scene.name, factor)))

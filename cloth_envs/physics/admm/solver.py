@@ -13,9 +13,10 @@ from typing import Any
 import _minicloth_kernels as kernels
 import numpy as np
 
+from cloth_envs.arguments import whole_number
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet, whole_number
+from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 

@@ -6,8 +6,9 @@ from functools import lru_cache
 import _minicloth_kernels as kernels
 import numpy as np
 
+from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
-from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet, whole_number
+from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -92,7 +93,8 @@ class ExplicitSolver(Solver):
         refine: int = 1,
     ) -> None:
         super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
-        self._refine, self._wanted = whole_number("refine", refine), substeps
+        self._refine = whole_number("refine", refine)
+        self._wanted = None if substeps is None else whole_number("substeps", substeps)
         kernel = kernels.Explicit32 if self.dtype == np.float32 else kernels.Explicit64
         self._kernel = kernel(kernel_sheet(scene))
         self._felt = [kernel_material(scene, scene.material)] * num_envs

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import _minicloth_kernels as kernels
 import numpy as np
 
+from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
 from cloth_envs.particles import Particles
-from cloth_envs.physics.solver import Solver, kernel_sheet, whole_number
+from cloth_envs.physics.solver import Solver, kernel_sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -107,7 +108,7 @@ class ParticleSolver(Solver):
         super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
         refine = whole_number("refine", refine)
         self.substeps = np.full(num_envs, steps_a_frame(scene) * refine, np.int32)
-        self._kernel = make_kernel(scene, mass_spring_cell(scene), dtype=dtype, refine=refine)
+        self._kernel = make_kernel(scene, mass_spring_cell(scene), dtype=self.dtype.name, refine=refine)
 
     def check_material(self, material: Material) -> None:
         if material != self.scene.material:
