@@ -17,7 +17,6 @@ MEANT = {
     "size": "resolution",
     "observation": "obs",
     "obs_type": "obs",
-    "physics": "backend",
     "simulator": "backend",
     "render": "render_mode",
     "kwargs": "backend_kwargs",
