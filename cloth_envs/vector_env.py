@@ -56,7 +56,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         threads = min(
             num_envs, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         )
-        given: Any = backend_kwargs or {}
+        given: Any = {} if backend_kwargs is None else backend_kwargs
         if isinstance(given, dict) and "threads" in keywords(load_backend(options.get("backend", "reference"))):
             given = {"threads": threads, **given}
         self.world = World(scene, num_envs=num_envs, backend_kwargs=given, **options)

@@ -63,10 +63,10 @@ class World:
         shape = check_resolution(resolution, task_class.resolution)
         self.task: Task = task_class(task_class.make_scene(resolution=shape, material=base))
         self.scene = self.task.scene
-        backend_kwargs = as_plain(backend_kwargs or {})
-        if backend == "reference" and isinstance(backend_kwargs, dict) and "solver" not in backend_kwargs:
-            backend_kwargs = {**solver_of(preset), **backend_kwargs}
-        self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=backend_kwargs)
+        chosen = as_plain({} if backend_kwargs is None else backend_kwargs)
+        if backend == "reference" and isinstance(chosen, Mapping) and "solver" not in chosen:
+            chosen = {**solver_of(preset), **chosen}
+        self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=chosen)
         warn_unusual(material, self.ranges)
         self.num_envs, self.obs = num_envs, obs
         self.failures = Failures(self.scene, self.task.max_strain)
