@@ -231,6 +231,12 @@ def test_a_backend_is_given_pythons_numbers_and_arrays_as_they_are() -> None:
     assert isinstance(given["w"], np.ndarray)
 
 
+def test_a_backend_that_cannot_be_loaded_is_in_nobodys_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(cloth_envs.BACKENDS, "broken", "no_such_module:Physics")
+    with pytest.raises(ValueError, match="Did you mean 'material'"):
+        one(fabric="silk")
+
+
 def test_particles_take_numpys_types() -> None:
     options: dict[str, Any] = {"preset": "zhao2024", "disable_env_checker": True}
     for backend in ("reference", "cnn"):
