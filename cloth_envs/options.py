@@ -60,7 +60,7 @@ def _owner(name: str, given: Mapping[str, Any]) -> dict[str, Any] | None:
         with suppress(ValueError, ImportError):  # a backend of somebody else's that can't be loaded says so when chosen
             takes = keywords(load_backend(backend))
         if name in takes:
-            return {} | ({"backend": backend} if backend != "reference" else {}) | {"backend_kwargs": kwargs}
+            return ({"backend": backend} if backend != "reference" else {}) | {"backend_kwargs": kwargs}
     for solver, path in SOLVERS.items():
         if name in keywords(resolve(path)):
             choice = {} if solver == "explicit" else {"solver": solver}
