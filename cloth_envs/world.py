@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from cloth_envs.arguments import one_of, read_actions
+from cloth_envs.arguments import as_plain, one_of, read_actions
 from cloth_envs.failure import Failures
 from cloth_envs.grid import check_resolution
 from cloth_envs.material import Material, as_material, check_ranges, warn_unusual
@@ -69,7 +69,7 @@ class World:
         shape = check_resolution(resolution, task_class.resolution)
         self.task: Task = task_class(task_class.make_scene(resolution=shape, material=base))
         self.scene = self.task.scene
-        chosen = {} if backend_kwargs is None else backend_kwargs
+        chosen = as_plain({} if backend_kwargs is None else backend_kwargs)
         if backend == "reference" and isinstance(chosen, Mapping) and "solver" not in chosen:
             chosen = {**solver_of(preset), **chosen}
         self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=chosen)

@@ -1,4 +1,4 @@
-"""The one training loop: Adam under a schedule, with a progress bar, that goes on bit for bit where it was stopped."""
+"""The one training loop: Adam under a schedule, that goes on bit for bit where it was stopped."""
 
 import json
 import math
@@ -86,7 +86,7 @@ def fit(
     """Change ``net`` by Adam until ``steps`` are done. Returns the processor's seconds for all of them.
 
     ``loss`` is of a step: its batch follows from the step's number and from ``rng``, the generator that it draws from.
-    ``label`` is of the progress bar, ``clip`` the largest norm of a gradient, ``kept`` where to go on; the weights of
+    ``label`` is of the progress, ``clip`` the largest norm of a gradient, ``kept`` where to go on; the weights of
     ``best`` are left in the end instead of the last ones. Parameters that require no gradient stay as they are.
 
     Raises:
