@@ -30,6 +30,7 @@ def envs() -> Any:
 def test_specs_of_single_environments(envs: Any, scene: str, obs: str) -> None:
     envs.check_env_specs(envs.GymWrapper(gym.make(cloth_envs.env_id(scene), obs=obs, **SMALL)))
 
+
 def replay(env: Any, actions: Any) -> tuple[np.ndarray, np.ndarray]:
     """Observations before each action, and rewards, ``(..., T, K)`` and ``(..., T)``.
 
