@@ -33,6 +33,8 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
         for r in comparison.results
         if not any(r is s for s in shown)
     ]
+    labels = [r.entry.label for r in shown]
+    twins = {one: other for one, other in comparison.twins.items() if one in labels}
     curves = list(dict.fromkeys(r.entry.curve for r in comparison.results))
     figure = import_figure()(figsize=(WIDTH, HEIGHT), layout="constrained")
     axes = figure.add_subplot()
@@ -49,7 +51,7 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
         for i in mine:
             wide = np.abs(times[i, [0, 2]] - times[i, 1])[:, None]
             high = np.abs(np.array([errors[i].min(), errors[i].max()]) - mean[i])[:, None]
-            twin = shown[i].entry.label in comparison.twins  # its range of errors is drawn already
+            twin = labels[i] in twins  # whose range of errors is drawn already
             look = RING | {"mec": color} if twin else BARS | {"yerr": high}
             axes.errorbar(times[i, 1], mean[i], xerr=wide, fmt=marker, color=color, **look)
     if shown:
@@ -73,18 +75,18 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
     axes.tick_params(colors=INK, which="both")
     note = f"{setup}. {machine()}.\nBars: quartiles of the time; range of the error over "
     note += f"{len(comparison.starts)} restarts from the truth."
-    for one, other in comparison.twins.items():
+    for one, other in twins.items():
         note += f"\nOpen marker: {one} has the errors of {other}, to the bit."
     if left_out:
         note += f"\nNot shown: {', '.join(left_out)}."
     figure.text(0.0, -0.01, note, fontsize=7.5, color=INK, va="top", ha="left")
     figure.draw_without_rendering()
     if shown:
-        own = np.array([r.entry.label not in comparison.twins for r in shown])
-        labels = [r.entry.label for r in shown]
-        _label(axes, [labels[i] for i in np.flatnonzero(own)], times[own, 1], mean[own])
-        for i in np.flatnonzero(~own):
-            _tell(axes, labels[i], (times[i, 1], errors[i].max()), (0, 8), ha="center", va="bottom")
+        own = [i for i, label in enumerate(labels) if label not in twins]
+        _label(axes, [labels[i] for i in own], times[own, 1], mean[own])
+        for i, label in enumerate(labels):
+            if i not in own:
+                _tell(axes, label, (times[i, 1], errors[i].max()), (0, 8), ha="center", va="bottom")
     for path in paths:
         figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.12, facecolor="white")
 
