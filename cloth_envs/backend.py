@@ -16,7 +16,9 @@ from cloth_envs.state import Controls, State
 class Backend(Protocol):
     """Physics for a batch of cloths of one scene.
 
-    It owns its state: callers read ``state`` and copy what they keep.
+    It owns its state: callers read ``state`` and copy what they keep; only ``time`` they may set. One that can't step
+    every material has a method ``check_material(material)`` too, which raises ValueError and says what to change:
+    environments ask it before anything is simulated.
     """
 
     scene: Scene
@@ -112,7 +114,13 @@ def parse_backend(text: str) -> tuple[str, dict[str, Any]]:
     """Name and options of ``NAME[=JSON]``, such as ``miniature={"factor": 4}`` or ``my_package.physics:MyBackend``.
 
     Raises:
-        ValueError: options that are no JSON object.
+        ValueError: options that are no JSON object, or a resolution as ``minicloth compare`` takes it.
     """
     name, _, options = text.partition("=")
+    head, at, shape = name.partition("@")
+    if at:
+        raise ValueError(
+            f"a resolution behind @ belongs to minicloth compare, got {name!r}: write --backend {head}, and where the "
+            f"command has it --resolution {shape or 'ROWSxCOLS'}"
+        )
     return name.strip(), read_object(options, f"what follows {name}=") if options else {}

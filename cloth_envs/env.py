@@ -5,11 +5,13 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 import numpy as np
 
+from cloth_envs.arguments import check_reset_options, check_seed, one_of, read_actions
 from cloth_envs.backend import plain_words
-from cloth_envs.naming import unknown_name
+from cloth_envs.options import check_options
 from cloth_envs.scene import Scene
 from cloth_envs.scenes.task import Task
 from cloth_envs.state import State
+from cloth_envs.time_limit import TimeLimits
 from cloth_envs.world import World, member
 
 if TYPE_CHECKING:
@@ -45,14 +47,17 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "depth_array"], "render_fps": 25}  # noqa: RUF012
 
     def __init__(self, scene: str, *, render_mode: str | None = None, **options: Any) -> None:
-        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
-            raise unknown_name("render_mode", render_mode, self.metadata["render_modes"])
-        self.world = World(scene, **plain_words(options))
+        options = plain_words(options)
+        check_options(options, World, type(self))
+        if render_mode is not None:
+            one_of("render_mode", render_mode, self.metadata["render_modes"])
+        self.world = World(scene, **options)
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(1 / self.scene.frame_dt)}
         self.observation_space = self.world.observation_space
         self.action_space = self.world.action_space
         self._renderer: Renderer | None = None
+        self._limits = TimeLimits()
 
     @property
     def scene(self) -> Scene:
@@ -67,7 +72,7 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
     @property
     def state(self) -> State:
         """The present state, a batch of one; read only."""
-        return self.world.state
+        return self.world.state.read_only()
 
     @property
     def positions(self) -> np.ndarray:
@@ -93,12 +98,15 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         self.world.set_positions(positions, velocities)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        super().reset(seed=seed)
+        check_reset_options(options)
+        self._limits.find(self)
+        super().reset(seed=check_seed(seed))
         self.world.reset({0: self.np_random})
         return self._observation(), {}
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        rewards, reasons = self.world.step(np.asarray(action)[None])
+        chosen = read_actions(action, self.world.action_space.shape, self.task.actions)
+        rewards, reasons = self.world.step(chosen[None])
         info = {} if reasons[0] is None else {"failure": reasons[0]}
         return self._observation(), float(rewards[0]), reasons[0] is not None, False, info
 
@@ -110,15 +118,21 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         return self.world.get_state()
 
     def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Continue from what ``get_state`` gave, here or in another process, bit for bit.
+        """Continue from what ``get_state`` gave, here or in another process, bit for bit, time limit included.
 
         Raises:
-            ValueError: the state belongs to another scene or resolution.
+            ValueError: something is missing or not finite, or the state belongs to another scene, preset or resolution;
+                nothing has changed.
         """
+        before = int(self.world.frames[0])
         self.world.set_state(state)
+        self._limits.move(before, int(self.world.frames[0]))
         generator = self.world.rngs[0]
         if generator is not None:
             self.np_random = generator
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_renderer": None}  # a copy draws with its own
 
     def render(self) -> np.ndarray | None:
         if self.render_mode is None:

@@ -14,12 +14,37 @@ def in_checkout() -> bool:
     return project.is_file() and 'name = "minicloth"' in project.read_text(encoding="utf-8")
 
 
+# package as it is imported -> the extra that brings it
+EXTRAS = {
+    "PIL": "render",
+    "cholespy": "implicit",
+    "imageio": "render",
+    "imageio_ffmpeg": "render",
+    "ipctk": "metrics",
+    "matplotlib": "render",
+    "moviepy": "render",
+    "mujoco": "peers",
+    "pyvista": "render",
+    "stable_baselines3": "rl",
+    "taichi": "peers",
+    "torch": "train",
+    "vtkmodules": "render",
+}
+
+
 def install(extra: str) -> str:
     """The command that brings the optional dependencies ``extra``.
 
     The package is on no index: a checkout is installed again; an installed wheel satisfies pip, which adds the extra's.
     """
     return f'pip install -e ".[{extra}]" in {CHECKOUT}' if in_checkout() else f'pip install "minicloth[{extra}]"'
+
+
+def missing(what: str, error: ImportError) -> str:
+    """What ``what`` lacks, and the line that installs it if that is one of ``EXTRAS``; else what ``error`` says."""
+    package = (error.name or "").split(".")[0] if isinstance(error, ModuleNotFoundError) else ""
+    extra = EXTRAS.get(package)
+    return f"{what} needs {package} ({error}): {install(extra)}" if extra else str(error)
 
 
 def load(name: str) -> Any:

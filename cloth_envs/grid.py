@@ -6,6 +6,8 @@ from functools import cached_property
 
 import numpy as np
 
+from cloth_envs.arguments import as_items, as_whole, shown
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -136,7 +138,8 @@ def check_resolution(resolution: Sequence[int] | None, default: tuple[int, int])
     """``(rows, cols)``, ``default`` for None. Raises ValueError: anything but two whole numbers."""
     if resolution is None:
         return default
-    shape = tuple(resolution) if isinstance(resolution, Sequence) else ()
-    if len(shape) != 2 or not all(isinstance(n, (int, np.integer)) for n in shape):
-        raise ValueError(f"resolution must be two whole numbers (rows, cols), got {resolution!r}")
-    return int(shape[0]), int(shape[1])
+    items = as_items(resolution) or []
+    rows, cols = map(as_whole, items) if len(items) == 2 else (None, None)
+    if rows is None or cols is None:
+        raise ValueError(f"resolution must be two whole numbers (rows, cols) such as (33, 49), got {shown(resolution)}")
+    return rows, cols

@@ -5,7 +5,9 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
+from gymnasium import logger
 
+from cloth_envs.arguments import as_items, as_number
 from cloth_envs.naming import unknown_name
 
 
@@ -48,14 +50,15 @@ class Material:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value = getattr(self, field.name)
-            if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
-                raise ValueError(f"material {field.name} must be a number, got {value!r}")
+            given = getattr(self, field.name)
+            value = as_number(given)
+            if value is None:
+                raise ValueError(f"material {field.name} must be a number, got {given!r}")
             positive = field.name in ("areal_density", "stretch_stiffness")
             if not np.isfinite(value) or value < 0 or (positive and value == 0):
                 need = "positive" if positive else "zero or positive"
-                raise ValueError(f"material {field.name} must be {need} and finite, got {value!r}")
-            object.__setattr__(self, field.name, float(value))
+                raise ValueError(f"material {field.name} must be {need} and finite, got {given!r}")
+            object.__setattr__(self, field.name, value)
         for name in ("compression", "post_buckling"):
             if getattr(self, name) > 1:
                 raise ValueError(f"material {name} must be at most 1, got {getattr(self, name)!r}")
@@ -82,6 +85,18 @@ class Material:
 
 PROPERTIES = tuple(field.name for field in fields(Material))
 
+# What any cloth has, from gauze to leather, with room on either side: beyond it a value is in another unit.
+USUAL: dict[str, tuple[float, float, str]] = {
+    "areal_density": (0.005, 5.0, "kg/m^2: 200 g/m^2 is written 0.2"),
+    "stretch_stiffness": (1.0, 1e6, "N/m: Young's modulus [Pa] times the thickness [m]"),
+    "shear_stiffness": (0.0, 1e5, "N/m: 1 gf/cm/degree is written 56"),
+    "bend_stiffness": (0.0, 0.05, "N m: 0.1 gf cm^2/cm is written 9.8e-6"),
+    "damping": (0.0, 0.05, "s: a relaxation time, no damping ratio, such as 5e-5"),
+    "drag": (0.0, 50.0, "1/s: the rate at which still air slows the cloth, such as 0.5"),
+    "buckling_strain": (0.0, 1.0, "a share of the length: 3 % is written 0.03"),
+    "compression_damping": (0.0, 1e3, "a ratio of two dampings, such as 4"),
+}
+
 # Density, shear and bending follow KES-F measurements of such cloths (Kawabata 1980: shear
 # rigidity 0.3-3 gf/cm/deg, bending 0.003-0.4 gf cm^2/cm, 1 gf cm^2/cm = 9.8e-5 N m). Stretch is a
 # working stiffness: real threads are 5-50 times stiffer, but at these values a hanging metre and a
@@ -94,6 +109,20 @@ FABRICS: dict[str, Material] = {
     "denim": Material(0.40, 1500.0, 250.0, 6e-5, 8e-5, 0.3),
     "leather": Material(0.70, 3000.0, 900.0, 4e-4, 1e-4, 0.2),
 }
+
+
+def warn_unusual(
+    material: Material | str | Mapping[str, Any] | None, ranges: Mapping[str, tuple[float, float]]
+) -> None:
+    """Warn, with the unit, of values that no cloth has among those that ``material`` and ``ranges`` give."""
+    own = material.as_dict() if isinstance(material, Material) else material if isinstance(material, Mapping) else {}
+    for name, (low, high, unit) in USUAL.items():
+        fixed = [own[name]] if name in own else []
+        for what, values in ((f"material {name}", fixed), (f"randomize[{name!r}]", ranges.get(name, ()))):
+            odd = next((value for value in values if not low <= value <= high), None)
+            if odd is not None:
+                text = f"{what}={odd:g} is far from what cloths have ({low:g} to {high:g}); its unit is {unit}"
+                logger.warn("%s", text)
 
 
 def as_material(value: Material | str | Mapping[str, Any] | None, default: Material) -> Material:
@@ -115,7 +144,9 @@ def as_material(value: Material | str | Mapping[str, Any] | None, default: Mater
         fabric = changes.pop("fabric", None)
         base = default if fabric is None else as_material(fabric, default)
         return base.with_changes(**changes)
-    raise ValueError(f"material must be a fabric's name or a dict of properties, got {value!r}")
+    raise ValueError(
+        f'material must be a fabric\'s name or a dict of properties such as {{"areal_density": 0.3}}, got {value!r}'
+    )
 
 
 def check_ranges(randomize: Mapping[str, Sequence[float]] | None) -> dict[str, tuple[float, float]]:
@@ -124,13 +155,22 @@ def check_ranges(randomize: Mapping[str, Sequence[float]] | None) -> dict[str, t
     Raises:
         ValueError: an unknown property (the nearest match is named), or a range that is none.
     """
+    if randomize is None:
+        return {}
+    if not isinstance(randomize, Mapping):
+        raise ValueError(f'randomize must be a dict such as {{"drag": (0.2, 0.8)}}, got {randomize!r}')
     ranges = {}
-    for name, limits in (randomize or {}).items():
+    for name, limits in randomize.items():
         if name not in PROPERTIES:
-            raise unknown_name("material property in randomize", name, PROPERTIES)
-        if not isinstance(limits, Sequence) or len(limits) != 2 or not limits[0] <= limits[1]:
-            raise ValueError(f"randomize[{name!r}] must be (low, high) with low <= high, got {limits!r}")
-        for value in limits:
-            Material().with_changes(**{name: value})
-        ranges[name] = (float(limits[0]), float(limits[1]))
+            raise unknown_name("material property in randomize:", name, PROPERTIES)
+        items = as_items(limits) or []
+        low, high = map(as_number, items) if len(items) == 2 else (None, None)
+        if low is None or high is None or not low <= high:
+            raise ValueError(f"randomize[{name!r}] must be two numbers (low, high) with low <= high, got {limits!r}")
+        for value in (low, high):
+            try:
+                Material().with_changes(**{name: value})
+            except ValueError as error:
+                raise ValueError(f"randomize[{name!r}]: {error}") from error
+        ranges[name] = (low, high)
     return ranges

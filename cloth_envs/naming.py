@@ -5,13 +5,15 @@ from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
+from cloth_envs.extras import EXTRAS, missing
 
-def unknown_name(what: str, name: object, choices: Iterable[str]) -> ValueError:
-    """A ``ValueError`` that says what to write instead of ``name``."""
+
+def unknown_name(what: str, name: object, choices: Iterable[str], *, meant: str | None = None) -> ValueError:
+    """A ``ValueError`` that says what to write instead of ``name``: ``meant``, or the choice that is most like it."""
     known = sorted(choices)
     folded = {choice.lower(): choice for choice in known}
-    near = get_close_matches(str(name).lower(), folded, n=1, cutoff=0.4)
-    hint = f" Did you mean {folded[near[0]]!r}?" if near else ""
+    near = [meant] if meant in known else get_close_matches(str(name).lower(), folded, n=1, cutoff=0.4)
+    hint = f" Did you mean {folded[near[0].lower()]!r}?" if near else ""
     return ValueError(f"unknown {what} {name!r}.{hint} Choose one of {', '.join(map(repr, known))}.")
 
 
@@ -28,10 +30,12 @@ def resolve(path: str) -> Any:
     try:
         found = import_module(module)
     except Exception as error:  # a stranger's module may raise anything
-        missing = error.name if isinstance(error, ModuleNotFoundError) else None
-        if missing and f"{module}.".startswith(f"{missing}."):
+        lacks = (error.name or "") if isinstance(error, ModuleNotFoundError) else ""
+        if isinstance(error, ModuleNotFoundError) and lacks.split(".")[0] in EXTRAS:
+            raise ImportError(missing(repr(path), error)) from error
+        if lacks and f"{module}.".startswith(f"{lacks}."):
             raise ValueError(
-                f"there is no module {missing!r} for {path!r}: install the package that holds it, or add its folder to "
+                f"there is no module {lacks!r} for {path!r}: install the package that holds it, or add its folder to "
                 "PYTHONPATH"
             ) from error
         raise ImportError(

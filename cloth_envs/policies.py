@@ -14,6 +14,7 @@ POLICIES = {
     "random": "uniform, new at every frame",
     "smooth": "slow random waves",
     "bang-bang": "full action one way or the other, for 5-20 frames",
+    "alternating": "full action, turned at every frame",
 }
 
 
@@ -28,6 +29,8 @@ def open_loop(policy: str, frames: int, size: int, frame_dt: float, seed: int) -
     rng = np.random.default_rng([seed, 0xAC7])
     if policy == "random":
         return rng.uniform(-1, 1, (frames, size))
+    if policy == "alternating":
+        return np.where(np.arange(frames) % 2, -1.0, 1.0)[:, None] * np.ones(size)
     actions = np.zeros((frames, size))
     if policy == "smooth":
         time = np.arange(frames)[:, None] * frame_dt

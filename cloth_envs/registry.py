@@ -108,7 +108,7 @@ def make_backend(
         ValueError, ImportError: see ``load_backend``; an unknown keyword (the nearest match is named), or a factory
             that fails with it or makes no backend.
     """
-    factory, given = load_backend(name), backend_kwargs or {}
+    factory, given = load_backend(name), {} if backend_kwargs is None else backend_kwargs
     check_keywords(factory, given, f"backend={name!r}")
     try:
         made = factory(scene, num_envs=num_envs, **given)

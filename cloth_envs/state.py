@@ -64,10 +64,20 @@ class State:
         """A copy of some members of the batch."""
         return State(**{name: value[which].copy() for name, value in self.arrays().items()})
 
+    def read_only(self) -> "State":
+        """Views of the same arrays that can't be written."""
+        return State(**{name: _locked(value) for name, value in self.arrays().items()})
+
     def assign(self, which: np.ndarray | slice | list[int], other: "State") -> None:
         """Overwrite some members of the batch by those of ``other``."""
         for name, value in self.arrays().items():
             value[which] = getattr(other, name)
+
+
+def _locked(array: np.ndarray) -> np.ndarray:
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 class LazyState(State):
@@ -101,6 +111,13 @@ class LazyState(State):
         if self._velocities is None:
             self._velocities = self._compute[1](self)
         return self._velocities
+
+    def read_only(self) -> State:
+        known = {n: _locked(getattr(self, n)) for n in ("colliders", "collider_velocities", "wind", "pressure", "time")}
+        nothing = np.empty(0)
+        return LazyState(
+            State(nothing, nothing, **known), lambda _: _locked(self.positions), lambda _: _locked(self.velocities)
+        )
 
 
 @dataclass

@@ -1,6 +1,7 @@
 """The vector environment: one batched state, threads over its members."""
 
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,10 +9,12 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from cloth_envs.arguments import as_whole, check_mask, check_reset_options, check_seeds, one_of, whole_number
 from cloth_envs.backend import keywords, plain_words
-from cloth_envs.naming import unknown_name
+from cloth_envs.options import check_options
 from cloth_envs.registry import load_backend
 from cloth_envs.scene import Scene
+from cloth_envs.snapshot import check_array
 from cloth_envs.state import State
 from cloth_envs.world import World, member
 
@@ -25,7 +28,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
 
     Arguments:
         num_envs: members.
-        max_episode_steps: frames until truncation, None for none.
+        max_episode_steps: frames until truncation; None or -1 for no limit.
         autoreset_mode: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"`` (or Gymnasium's ``AutoresetMode``).
         The others are those of ``ClothEnv``; a backend that takes ``threads`` gets as many as processors are at hand.
 
@@ -45,17 +48,16 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
     ) -> None:
         if render_mode is not None:
             raise ValueError("a vector environment does not render: draw single members with gym.make, or a recording")
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
-            raise ValueError(f"num_envs must be a whole number of at least 1, got {num_envs!r}")
+        options = plain_words(options)
+        check_options(options, World, type(self))
+        num_envs = whole_number("num_envs", num_envs)
         name = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
-        if name not in _MODES:
-            raise unknown_name("autoreset_mode", name, _MODES)
-        self.autoreset_mode, self._limit = _MODES[name], max_episode_steps
+        self.autoreset_mode = _MODES[one_of("autoreset_mode", name, _MODES)]
+        self._limit = _limit(max_episode_steps)
         threads = min(
             num_envs, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         )
-        options = plain_words(options)
-        given = options.get("backend_kwargs") or {}
+        given: Any = {} if options.get("backend_kwargs") is None else options["backend_kwargs"]
         if isinstance(given, dict) and "threads" in keywords(load_backend(options.get("backend", "reference"))):
             options["backend_kwargs"] = {"threads": threads, **given}
         self.world = World(scene, num_envs=num_envs, **options)
@@ -80,27 +82,21 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
     @property
     def state(self) -> State:
         """The present batched state; read only."""
-        return self.world.state
+        return self.world.state.read_only()
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Start episodes. A number seeds member i with ``seed + i``.
 
         ``options={"reset_mask": mask}``, bool ``(B,)``, starts only some members.
 
         Raises:
-            ValueError: a list of seeds or a mask of the wrong length, or a mask that picks none.
+            ValueError: no seeds, or not as many as members; another option; no mask, or one that picks none.
         """
         n = self.num_envs
-        seeds = [None if seed is None else seed + i for i in range(n)] if not isinstance(seed, list) else seed
-        if len(seeds) != n:
-            raise ValueError(f"got {len(seeds)} seeds for {n} environments; pass one number or {n} of them")
-        mask = np.ones(n, bool)
-        if options and "reset_mask" in options:
-            mask = np.asarray(options["reset_mask"])
-            if mask.shape != (n,) or mask.dtype != bool or not mask.any():
-                raise ValueError(f"reset_mask must be a bool array of shape ({n},) that picks at least one environment")
+        seeds = check_seeds(seed, n)
+        mask = check_mask(check_reset_options(options, ["reset_mask"]).get("reset_mask", [True] * n), n)
         for i in np.flatnonzero(mask):
             if seeds[i] is not None or self.world.rngs[i] is None:
                 self.world.rngs[i], _ = seeding.np_random(seeds[i])
@@ -151,7 +147,21 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         """Continue from what ``get_state`` gave, bit for bit.
 
         Raises:
-            ValueError: the state belongs to another scene, resolution or number of environments.
+            ValueError: see ``World.set_state``; nothing has changed.
         """
-        self.world.set_state(state)
-        self._ended = np.asarray(state["ended"]).copy()
+        parts = dict(state)
+        if "ended" not in parts:
+            raise ValueError("this state lacks ended: pass what get_state() of a vector environment gave")
+        ended = check_array("ended", np.asarray(parts.pop("ended"), float), self._ended.shape)
+        self.world.set_state(parts)
+        self._ended = ended != 0
+
+
+def _limit(frames: int | None) -> int | None:
+    """``max_episode_steps`` as Gymnasium's ``make`` reads it."""
+    if frames is None or as_whole(frames) == -1:
+        return None
+    try:
+        return whole_number("max_episode_steps", frames)
+    except ValueError as error:
+        raise ValueError(f"{error}: write -1 for no limit") from None

@@ -2,20 +2,22 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
+from cloth_envs.arguments import one_of, read_actions
 from cloth_envs.failure import Failures
 from cloth_envs.grid import check_resolution
-from cloth_envs.material import PROPERTIES, Material, as_material, check_ranges
-from cloth_envs.naming import unknown_name
+from cloth_envs.material import Material, as_material, check_ranges, warn_unusual
 from cloth_envs.presets import load_preset, solver_of
-from cloth_envs.registry import load_task, make_backend
+from cloth_envs.registry import BACKENDS, load_task, make_backend, register_backend
 from cloth_envs.scenes.drives import clip_actions
 from cloth_envs.scenes.measures import gather
 from cloth_envs.scenes.task import Episode, Start, Task
+from cloth_envs.snapshot import Snapshot, check_array, check_scene, identity, read, shapes
 from cloth_envs.state import Controls, State
 
 OBSERVATIONS = ("keypoints", "mesh")
@@ -49,23 +51,33 @@ class World:
         resolution: Sequence[int] | None = None,
         preset: str | Mapping[str, Any] | None = None,
     ) -> None:
-        if obs not in OBSERVATIONS:
-            raise unknown_name("observation", obs, OBSERVATIONS)
+        self._arguments: dict[str, Any] = {
+            "scene": scene, "num_envs": num_envs, "backend": backend, "backend_kwargs": backend_kwargs, "obs": obs,
+            "material": material, "randomize": randomize, "resolution": resolution, "preset": preset,
+        }  # fmt: skip
+        one_of("observation", obs, OBSERVATIONS)
+        self.ranges = check_ranges(randomize)
         if not isinstance(scene, str):
             task_class = scene
         else:
             task_class = load_task(scene) if preset is None else load_preset(scene, preset)
-        for name, value in {"material": material, "randomize": randomize, "resolution": resolution}.items():
-            if value and name in task_class.fixed:
+        given = {"material": material, "randomize": self.ranges or None, "resolution": resolution}
+        for name in task_class.fixed:
+            if given[name] is not None:
                 raise ValueError(f"preset={preset!r} fixes the {name}: leave {name}= out")
         base = as_material(material, task_class.material)
-        self.ranges = check_ranges(randomize)
         shape = check_resolution(resolution, task_class.resolution)
         self.task: Task = task_class(task_class.make_scene(resolution=shape, material=base))
         self.scene = self.task.scene
-        if backend == "reference" and "solver" not in (backend_kwargs or {}):
-            backend_kwargs = {**solver_of(preset), **(backend_kwargs or {})}
-        self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=backend_kwargs)
+        chosen = {} if backend_kwargs is None else backend_kwargs
+        if backend == "reference" and isinstance(chosen, Mapping) and "solver" not in chosen:
+            chosen = {**solver_of(preset), **chosen}
+        self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=chosen)
+        self._check_ranges()
+        warn_unusual(material, self.ranges)
+        self._identity = identity(task_class, self.scene)
+        own = {name: value for name, value in chosen.items() if name != "threads"}
+        self._physics = f"{backend} {json.dumps(own, sort_keys=True, default=repr)}"
         self.num_envs, self.obs = num_envs, obs
         self.failures = Failures(self.scene, self.task.max_strain)
         self.rngs: list[np.random.Generator | None] = [None] * num_envs
@@ -87,6 +99,22 @@ class World:
             mesh = np.broadcast_to(limit[:, None, None], (6, *self.scene.grid.shape))
             limits = {"mesh": mesh, "task": bound[-k:]}
             self.observation_space = spaces.Dict({n: spaces.Box(-b, b, dtype=np.float32) for n, b in limits.items()})
+
+    def _check_material(self, material: Material) -> None:
+        """Refuse what the backend can't step, where it says so. Raises ValueError: see ``Backend.check_material``."""
+        check = getattr(self.backend, "check_material", None)
+        if check is not None:
+            check(material)
+
+    def _check_ranges(self) -> None:
+        """Refuse ``randomize`` where a corner of its ranges can't be stepped, so that no reset ever fails."""
+        self._check_material(self.scene.material)
+        for corner in product(*self.ranges.values()):
+            changes = dict(zip(self.ranges, corner, strict=True))
+            try:
+                self._check_material(self.scene.material.with_changes(**changes))
+            except ValueError as error:
+                raise ValueError(f"randomize allows {changes}, which can't be stepped: {error}") from error
 
     @property
     def episode(self) -> Episode:
@@ -132,12 +160,13 @@ class World:
     def set_positions(self, positions: np.ndarray, velocities: np.ndarray | None = None, which: int = 0) -> None:
         """See ``ClothEnv.set_positions``; ``which`` is the member."""
         state = self.state.select([which])
-        parts = {"positions": positions, "velocities": np.zeros_like(positions) if velocities is None else velocities}
+        parts = {
+            "positions": positions,
+            "velocities": np.zeros(np.shape(positions)) if velocities is None else velocities,
+        }
         for name, value in parts.items():
-            target, given = getattr(state, name)[0], np.asarray(value)
-            if given.shape != target.shape or not np.isfinite(given).all():
-                raise ValueError(f"{name} must be finite and of shape {target.shape}, got {given.shape}")
-            target[:] = given
+            target = getattr(state, name)[0]
+            target[:] = check_array(f"state.{name}", value, target.shape)
         self._place([which], state, {})
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, list[str | None]]:
@@ -149,19 +178,14 @@ class World:
             ValueError: actions of the wrong shape or not finite; nothing has moved then.
         """
         episode, before = self.episode, self.state
-        actions = np.asarray(actions, np.float64)
-        expected = (self.num_envs, len(self.task.actions))
-        if actions.shape != expected:
-            raise ValueError(
-                f"action has shape {actions.shape[1:]}, expected {expected[1:]}: {', '.join(self.task.actions)}"
-            )
-        clipped = clip_actions(actions)
+        clipped = clip_actions(read_actions(actions, (self.num_envs, len(self.task.actions)), self.task.actions))
         if clipped is None:
             raise ValueError("action holds NaN or infinity; the state is unchanged, pass numbers in [-1, 1]")
         episode.action = clipped
         self.controls = self.task.controls(episode)
         episode.state = self.backend.advance(self.controls)
         self.frames += 1
+        episode.state.time[:] = self.frames * self.scene.frame_dt  # sums of many frames would drift
         reasons = self.failures.check(before, episode.state)
         failed = [i for i, reason in enumerate(reasons) if reason]
         if failed:
@@ -191,14 +215,9 @@ class World:
 
     def get_state(self) -> dict[str, np.ndarray]:
         """See ``ClothEnv.get_state``."""
-        state, episode = self.state, self.episode
-        saved = {f"state.{name}": value.copy() for name, value in state.arrays().items()}
-        saved |= {f"memory.{name}": value.copy() for name, value in episode.memory.items()}
-        saved |= {f"backend.{name}": value.copy() for name, value in self.backend.memory.items()}
-        saved["frames"] = self.frames.copy()
-        saved["materials"] = np.array([[getattr(m, p) for p in PROPERTIES] for m in self.materials])
-        saved["rng"] = np.array([json.dumps(rng.bit_generator.state if rng else None) for rng in self.rngs])
-        return saved
+        memory, own = self.episode.memory, self.backend.memory
+        saved = Snapshot(self.state, memory, own, self.frames, self.materials, self.rngs).arrays()
+        return saved | {"scene": np.array(self._identity), "backend": np.array(self._physics)}
 
     def set_state(self, saved: Mapping[str, np.ndarray]) -> None:
         """Continue from what ``get_state`` gave, bit for bit on the same backend.
@@ -207,30 +226,66 @@ class World:
         the saved one remembered beyond them is left out then.
 
         Raises:
-            ValueError: the state belongs to another scene, resolution or number of environments.
+            ValueError: something is missing, not finite or of another shape, the state belongs to another scene,
+                preset, resolution or number of environments, or its material can't be stepped; nothing has changed.
         """
-        parts = {name: np.asarray(value) for name, value in saved.items()}
-        shape = (self.num_envs, 3, *self.scene.grid.shape)
-        found = parts["state.positions"].shape if "state.positions" in parts else None
-        if found != shape or parts["state.colliders"].shape[1] != len(self.scene.colliders):
+        begun = self._episode is not None
+        if not begun:  # what a state must hold is told by one
+            self.reset({i: np.random.default_rng(0) for i in range(self.num_envs)})
+        try:
+            snapshot = self._check_state(saved)
+        except ValueError:
+            if not begun:
+                self._episode, self.rngs = None, [None] * self.num_envs
+            raise
+        self.frames, self.materials = snapshot.frames, snapshot.materials
+        self.rngs = [new or old for new, old in zip(snapshot.rngs, self.rngs, strict=True)]
+        self._place(range(self.num_envs), snapshot.state, snapshot.memory)
+        if snapshot.own:
+            self.backend.recall(snapshot.own)
+            self.episode.state = self.backend.state
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What makes it again, since a backend need not know how to copy itself: arguments and state."""
+        begun = self._episode is not None
+        named = BACKENDS.get(self._arguments["backend"])
+        return {
+            "arguments": self._arguments,
+            "factory": None if isinstance(named, str) else named,  # of ``register_backend``, for other processes
+            "rngs": self.rngs,
+            "state": self.get_state() if begun else None,
+            "last": (self.episode.action, self.controls) if begun else None,
+        }
+
+    def __setstate__(self, saved: dict[str, Any]) -> None:
+        name, factory = saved["arguments"]["backend"], saved["factory"]
+        if factory is not None and name not in BACKENDS:
+            register_backend(name, factory)
+        World.__init__(self, **saved["arguments"])
+        if saved["state"] is not None:
+            self.set_state(saved["state"])
+            self.episode.action, self.controls = saved["last"]
+        self.rngs = saved["rngs"]
+
+    def _check_state(self, saved: Mapping[str, np.ndarray]) -> Snapshot:
+        if not isinstance(saved, Mapping):
+            raise ValueError(f"a state is the dict that get_state() gave, got {type(saved).__name__}")
+        parts = dict(saved)
+        check_scene(parts.pop("scene", None), self._identity)
+        own = {name: value.shape for name, value in self.backend.memory.items()}
+        same = str(parts.pop("backend", None)) == self._physics
+        snapshot = read(parts, shapes(self.scene, self.num_envs, self.episode.memory), own)
+        if same and len(snapshot.own) < len(own):
+            raise ValueError(f"this state lacks what the backend remembers ({', '.join(own)}), or it has other shapes")
+        late = abs(snapshot.state.time - snapshot.frames * self.scene.frame_dt)
+        if (late > self.scene.frame_dt / 2).any():
             raise ValueError(
-                f"this state has positions of shape {found}, the environment {shape}: "
-                "set it in an environment of the same scene, resolution and num_envs"
+                f"state.time must be frames times {self.scene.frame_dt:g} s, got times of "
+                f"{snapshot.state.time[:3].tolist()} for frames of {snapshot.frames[:3].tolist()}"
             )
-        self.materials = [Material(**dict(zip(PROPERTIES, row, strict=True))) for row in parts["materials"].tolist()]
-        self.frames = parts["frames"].copy()
-        for i, text in enumerate(parts["rng"].tolist()):
-            content = json.loads(text)
-            if content is not None:
-                generator = np.random.Generator(getattr(np.random, content["bit_generator"])())
-                generator.bit_generator.state = content
-                self.rngs[i] = generator
-        state = State(**{n.split(".")[1]: a for n, a in parts.items() if n.startswith("state.")})
-        memory = {n.split(".")[1]: a.copy() for n, a in parts.items() if n.startswith("memory.")}
-        self._place(list(range(self.num_envs)), state, memory)
-        own = {name: parts.get(f"backend.{name}") for name in self.backend.memory}
-        if all(a is not None and a.shape == self.backend.memory[name].shape for name, a in own.items()):
-            self.backend.recall({name: a for name, a in own.items() if a is not None})
+        for material in set(snapshot.materials):
+            self._check_material(material)
+        return snapshot
 
 
 def member(observations: Any, i: int) -> Any:

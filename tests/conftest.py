@@ -24,14 +24,14 @@ def stopped(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], AbstractContextM
     def within(steps: int) -> Iterator[None]:
         left = iter(range(steps))
 
-        def bar(work: Iterable[int], **_: object) -> Iterator[int]:
+        def watched(work: Iterable[int], *_: object, **__: object) -> Iterator[int]:
             for step in work:
                 if next(left, None) is None:
                     raise KeyboardInterrupt
                 yield step
 
         with monkeypatch.context() as patch:
-            patch.setattr("training.fit.tqdm", bar)
+            patch.setattr("training.fit.progress", watched)
             with pytest.raises(KeyboardInterrupt):
                 yield
 

@@ -24,7 +24,7 @@ CASES: dict[str, Case] = {
     "explicit": ("Flag", {}, 0.05),
     "admm": ("Flag", {"backend_kwargs": {"solver": "admm"}}, 0.022),
     "implicit": ("Flag", {"backend_kwargs": {"solver": "implicit"}}, 0.045),
-    "miniature": ("Flag", {"backend": "miniature"}, 0.2),
+    "miniature": ("Flag", {"backend": "miniature", "resolution": (9, 13)}, 0.1),
     "bicubic": ("Curtain", {"backend": "miniature", "backend_kwargs": {"upscaler": "bicubic"}}, None),
     "cnn": ("Flag", {"backend": "cnn"}, 0.05),
     "torch": ("Flag", {"backend": "cnn", "backend_kwargs": {"engine": "torch"}, "resolution": (4, 5)}, 0.045),

@@ -312,3 +312,16 @@ def test_handles_are_not_placed_in_a_copy() -> None:
     field = np.zeros((1, 5, 5, 3), np.float32).transpose(0, 3, 1, 2)
     with pytest.raises(TypeError, match="incompatible"):
         handles.place(field, np.ones((1, 1, 3)), np.array([0], np.int32))
+
+
+@pytest.mark.parametrize("resolution", [(3, 60), (60, 3), (4, 40), (5, 30), (30, 7)])
+@pytest.mark.parametrize("scene", ["Flag", "Curtain", "Hanging"])
+def test_the_default_lives_through_what_the_reference_does_on_oblong_cells(
+    scene: str, resolution: tuple[int, int]
+) -> None:
+    for options in ({}, {"backend": "miniature"}):
+        world = World(scene, resolution=resolution, **options)
+        world.reset({0: np.random.default_rng(0)})
+        rng = np.random.default_rng(0)
+        for _ in range(30):
+            assert world.step(rng.uniform(-1, 1, (1, len(world.task.actions))))[1] == [None]

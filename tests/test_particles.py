@@ -254,7 +254,7 @@ def test_the_scene_tells_what_it_is() -> None:
         (lambda: ParticleSolver(replace(make_scene(NET), grid=Grid(9, 9, 1.0, 1.0))), ["spacing", "resolution"]),
         (lambda: ParticleSolver(replace(make_scene(NET), frame_dt=1e-3)), ["whole number"]),
         (lambda: ParticleSolver(make_scene(NET), refine=0), ["refine"]),
-        (lambda: ParticleSolver(make_scene(NET)).set_materials([0], [FREE.sheet()]), ["no material"]),
+        (lambda: ParticleSolver(make_scene(NET)).check_material(FREE.sheet()), ["no material"]),
         (lambda: Particles(stiffness=0.0), ["stiffness", "positive"]),
         (lambda: Particles(drag=float("nan")), ["drag", "finite"]),
     ],

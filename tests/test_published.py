@@ -37,7 +37,7 @@ from training.bench.papers.runs import (
 from training.bench.participants import extra
 from training.generate import miniature
 from training.rows import Store
-from training.upscaler.recipes import SCENES, SHIPPED
+from training.upscaler.recipes import RECIPES, SCENES
 
 FRAMES = 4
 
@@ -169,7 +169,7 @@ def test_a_stopped_run_is_completed_and_drawn(tmp_path: Path, monkeypatch: pytes
 
 def test_every_shipped_recipe_has_its_weights_small_and_with_a_card() -> None:
     there = {path.stem for kind in ("fc", "hdnn") for path in WEIGHTS.glob(f"{kind}_*.safetensors")}
-    assert there <= {name.replace("-", "_") for name in SHIPPED}
+    assert there <= {name.replace("-", "_") for name in RECIPES}
     assert {f"fc_{scene.lower()}_{factor}" for scene in SCENES for factor in (2, 3, 4)} <= there
     for name in there:
         card = load(name).card

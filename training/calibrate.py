@@ -4,7 +4,6 @@ Factors of the material are fitted so that short windows of the coarse cloth, st
 that does. A closure starts from the calibrated factors. What the file holds already is kept.
 """
 
-import argparse
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,13 +12,16 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
+from cloth_envs.files import check_folder
 from cloth_envs.machine import header
+from cloth_envs.parsing import Parser
+from cloth_envs.progress import announce, progress
 from cloth_envs.registry import SCENES
 from cloth_envs.resample import resample
-from surrogates.checkpoint import WEIGHTS
 from surrogates.miniature.closure import CLOSURE, FACTORS, load_factors
 from surrogates.miniature.coarse import CoarsePhysics
 from training.cache import cache_folder
+from training.command import add_out
 from training.rollouts import Recording, replay, stack_controls, stack_states
 from training.rows import read_names
 from training.truth import Case, load
@@ -112,22 +114,29 @@ def card(data: Recording, factor: int, scaling: str, factors: dict[str, float]) 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Fit what the file lacks. Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m training.calibrate", description=__doc__)
+    parser = Parser(prog="python -m training.calibrate", description=__doc__)
     parser.add_argument("--scaling", choices=list(HORIZONS), default="calibrated")
     parser.add_argument("--scenes", nargs="*", default=list(SCENES))
     parser.add_argument("--factors", nargs="*", type=int, default=[2, 3, 4])
     parser.add_argument("--evaluations", type=int, default=200, help="of the loss, per fit")
     parser.add_argument("--substeps", type=float, default=MOST_SUBSTEPS, help="of a closure, over the similar cloth's")
-    parser.add_argument("--out", type=Path, help="default: the shipped file of the scaling")
+    add_out(parser, Path("weights"))
     options = parser.parse_args(argv)
-    scaling, out = options.scaling, options.out or WEIGHTS / f"{options.scaling}.json"
+    scaling = options.scaling
+    out = check_folder(options.out) / f"{scaling}.json"
+    scenes = read_names(",".join(options.scenes), list(SCENES), "scene")
+    announce(
+        f"{scaling}: {', '.join(scenes)} at factors {', '.join(map(str, options.factors))}, {options.evaluations} "
+        f"evaluations a fit\nFactors go into {out}, truths into {cache_folder('truth')}; stopped by Ctrl-C, the same "
+        "command goes on."
+    )
     known = json.loads(out.read_text()) if out.is_file() else {"scenes": {}}
-    for scene in read_names(",".join(options.scenes), list(SCENES), "scene"):
+    for scene in scenes:
         done = known["scenes"].setdefault(scene, {})
         wanted = [factor for factor in options.factors if str(factor) not in done]
         seeds = {"fitted": FIT_SEEDS, "held out": HELD_OUT_SEEDS} if wanted else {}
         data = {what: windows(scene, some, HORIZONS[scaling], cache_folder("truth")) for what, some in seeds.items()}
-        for factor in wanted:
+        for factor in progress(wanted, scene, unit="factor", name=str):
             factors = fit(data["fitted"], factor, scaling, options.evaluations, options.substeps)
             told = {what: card(part, factor, scaling, factors) for what, part in data.items()}
             done[str(factor)] = {
@@ -144,7 +153,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 **header(),
             }
             out.write_text(json.dumps(known, indent=1) + "\n")
-            print(scene, factor, json.dumps(done[str(factor)]))
+            print("wrote", out, scene, factor, json.dumps(done[str(factor)]))
     return 0
 
 

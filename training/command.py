@@ -1,6 +1,6 @@
 """What trainings share: their command line, and how the weights of a scene at a grid factor are kept."""
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
@@ -8,6 +8,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from cloth_envs.machine import header
+from cloth_envs.parsing import Parser
+from cloth_envs.progress import announce
 from cloth_envs.registry import SCENES
 from surrogates.checkpoint import WEIGHTS, add_factor, written
 from training.cache import cache_folder
@@ -25,7 +27,7 @@ def read(
     Raises:
         ValueError: an unknown scene.
     """
-    parser = ArgumentParser(prog=f"minicloth train {name}", description=about)
+    parser = Parser(prog=f"minicloth train {name}", description=about)
     parser.add_argument("--scenes", nargs="*", default=list(SCENES))
     if factors:
         parser.add_argument("--factors", nargs="*", type=int, default=list(factors), choices=[2, 3, 4])
@@ -34,11 +36,24 @@ def read(
     for option, text in options.items():
         default = getattr(recipe, option)
         parser.add_argument(f"--{option}", type=type(default), default=default, help=f"{text} (default {default})")
-    parser.add_argument("--out", type=Path, default=WEIGHTS, help="folder of the weights")
+    add_out(parser, Path("weights"))
     parser.add_argument("--cache", type=Path, default=cache_folder(name.replace("-", "_")), help="folder of the data")
     given = parser.parse_args(argv)
     given.scenes = read_names(",".join(given.scenes), list(SCENES), "scene")
+    numbers = ", ".join(f"{option} {getattr(given, option)}" for option in options)
+    at = f" at factors {', '.join(map(str, given.factors))}" if factors else ""
+    announce(
+        f"{name}: {', '.join(given.scenes)}{at}; {numbers}\n"
+        f"Weights go into {given.out}, data and what is half done into {given.cache}; stopped by Ctrl-C, the same "
+        "command goes on."
+    )
     return given, recipe(**{option: getattr(given, option) for option in options})
+
+
+def add_out(parser: Parser, folder: Path) -> None:
+    """The option ``--out``, by default ``folder``: what the package ships is replaced only where that is asked for."""
+    about = f"folder of the weights (default {folder}; environments use those in {WEIGHTS})"
+    parser.add_argument("--out", type=Path, default=folder, help=about)
 
 
 def is_done(name: str, factor: int, settings: Mapping[str, Any], out: Path) -> bool:
@@ -53,4 +68,4 @@ def keep(
     """Write weights with a card that tells ``errors`` (what these are, and their values)."""
     about = {**errors, "trained with": settings, "seconds": round(seconds, 1), "machine": header()}
     add_factor(name, factor, arrays, about, {**card, "licence": "MIT"}, out)
-    print(f"{name} at factor {factor}, {seconds:.0f} s: {errors}", flush=True)
+    print(f"wrote {out / name}.safetensors: factor {factor}, {seconds:.0f} s, {errors}", flush=True)

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 import torch
-from tqdm import tqdm
+
+from cloth_envs.progress import progress
 
 Rate = Callable[[int], float]  # of a step; the first one is 0
 
@@ -104,7 +105,7 @@ def fit(
     elif best is not None:
         best.look(net)
     begin = process_time() - spent
-    for step in tqdm(range(done, steps), desc=label, initial=done, total=steps, disable=None):
+    for step in progress(range(done, steps), label, steps, unit="step", done=done):
         for group in optimiser.param_groups:
             group["lr"] = rate(step)
         optimiser.zero_grad()

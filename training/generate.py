@@ -5,7 +5,6 @@ is held out. Stored are whole frames in HDF5 files, one a trajectory: the teache
 runs, started from the teacher again after every ``window`` frames. What is there is kept.
 """
 
-import argparse
 import hashlib
 import json
 from collections import deque
@@ -19,13 +18,15 @@ from typing import Any
 
 import h5py
 import numpy as np
-from tqdm import tqdm
 
+from cloth_envs.grid import Grid
+from cloth_envs.parsing import Parser
 from cloth_envs.presets import load_preset, solver_of
+from cloth_envs.progress import announce, progress
 from cloth_envs.scenes.task import Task
 from cloth_envs.state import State
 from cloth_envs.world import World
-from surrogates.miniature.coarse import CoarsePhysics
+from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
 from training.cache import cache_folder
 from training.rollouts import Recording, record, replay, seeded_actions
 
@@ -47,6 +48,13 @@ class Plan:
     spring: tuple[float, float] = (40.0, 150.0)
     seed: int = 0
     layout: int = 1
+
+    def size(self, grid: Grid) -> int:
+        """Bytes of a trajectory on ``grid``: float32 positions of the teacher and, window by window, its miniatures."""
+        windows, vertices = self.frames // self.window, (self.frames + 1) * grid.vertices
+        for factor in self.factors:
+            vertices += windows * (HISTORY + self.window) * coarse_grid(grid, factor).vertices
+        return 3 * 4 * vertices
 
     def text(self) -> str:
         """With what the preset's options are today: data of another reading of the paper are another plan's."""
@@ -144,7 +152,7 @@ def generate(plan: Plan, folder: Path, count: int, workers: int = 1) -> int:
     job = partial(write_shard, plan, folder)
     with get_context("spawn").Pool(workers) if min(workers, len(wanted)) > 1 else nullcontext() as pool:
         written = pool.imap_unordered(job, wanted) if pool else map(job, wanted)
-        deque(tqdm(written, f"{plan.scene} trajectories", len(wanted), disable=None), 0)
+        deque(progress(written, f"{plan.scene}, new trajectories", len(wanted)), 0)
     return len(wanted)
 
 
@@ -155,7 +163,7 @@ def data_folder(scene: str, preset: str) -> Path:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the trajectories. Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="minicloth generate", description=__doc__)
+    parser = Parser(prog="minicloth generate", description=__doc__)
     parser.add_argument("scene", metavar="SCENE", help="Curtain, Flag or Collision")
     parser.add_argument("--preset", default="lee2019", help="a preset with mass and spring as options (lee2019)")
     counts = {"trajectories": (60, "in all, with those that are there"), "frames": (100, "of each")}
@@ -175,8 +183,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f"preset {options.preset} has no mass and spring to vary: use lee2019")
     plan = Plan(options.scene, options.preset, options.frames, options.window, seed=options.seed)
     folder = options.out or data_folder(options.scene, options.preset)
-    new = generate(plan, folder, options.trajectories, options.workers)
     grid = cls.make_scene(resolution=cls.resolution, material=cls.material).grid
     pairs = (grid.rows - 2) * (grid.cols - 2) * options.frames * options.trajectories
+    there = sum((folder / f"{k:05d}.h5").is_file() for k in range(options.trajectories))
+    announce(
+        f"{options.scene}, preset {options.preset}: {options.trajectories} trajectories of {options.frames} frames, "
+        f"{there} of them there already; {pairs:,} pairs at factor 2, about "
+        f"{options.trajectories * plan.size(grid) / 1e6:,.0f} MB in {folder}\n"
+        "Stopped by Ctrl-C, the same command goes on."
+    )
+    new = generate(plan, folder, options.trajectories, options.workers)
     print(f"{folder}: {new} new of {options.trajectories} trajectories, {pairs:,} pairs at factor 2")
     return 0

@@ -5,10 +5,11 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
+from cloth_envs.arguments import one_of
 from cloth_envs.commands.parser import parser
-from cloth_envs.extras import load
+from cloth_envs.extras import load, missing
 from cloth_envs.naming import unknown_name
 
 
@@ -43,25 +44,32 @@ def _compare(given: argparse.Namespace) -> str:
     return compare_scene(**_options(given) | {"resolutions": shapes})
 
 
-def _bench(given: argparse.Namespace) -> NoReturn:
+def _bench(given: argparse.Namespace) -> str:
+    if given.benchmark is None:
+        return load("training.menu:benchmarks")()
     sys.exit(load("training.bench.benchmark:find")(given.benchmark).main(given.options))
 
 
-def _train(given: argparse.Namespace) -> NoReturn:
+def _train(given: argparse.Namespace) -> str:
+    if given.training is None:
+        return load("training.menu:trainings")()
     table = load("training:TRAININGS")
-    if given.training not in table:
-        raise unknown_name("training", given.training, table)
-    sys.exit(load(table[given.training])(given.options))
+    sys.exit(load(table[one_of("training", given.training, table)])(given.options))
 
 
-def _generate(given: argparse.Namespace) -> NoReturn:
+def _generate(given: argparse.Namespace) -> str:
+    if given.scene is None:
+        return load("training.menu:teachers")()
     sys.exit(load("training.generate:main")([given.scene, *given.options]))
 
 
 def _report(given: argparse.Namespace) -> str:
+    write = load("training.bench.report.run:write")
+    if given.out is None:
+        raise ValueError("a report needs a name: write minicloth report --out OUT.html")
     own = Path("docs/data"), Path("docs/images")
     data, images = own if given.data is None else (given.data, given.data)
-    return load("training.bench.report.run:write")(data, given.images or images, given.out)
+    return write(data, given.images or images, given.out)
 
 
 def _options(given: argparse.Namespace) -> dict[str, Any]:
@@ -91,7 +99,10 @@ RUNS: dict[str, Callable[[argparse.Namespace], str | None]] = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command. Returns the exit code: 0, 2 for what the user can put right, 130 when interrupted."""
-    given = parser(RUNS).parse_args(argv)
+    words, top = list(sys.argv[1:] if argv is None else argv), parser(RUNS)
+    if words and not words[0].startswith("-") and words[0] not in RUNS:
+        top.error(str(unknown_name("command", words[0], RUNS)))
+    given = top.parse_args(words)
     try:
         text = given.run(given)
         if text:
@@ -99,7 +110,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # whoever reads the output has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (ValueError, OSError, ImportError) as error:
-        print(f"minicloth: {error}", file=sys.stderr)
+        text = missing("this command", error) if isinstance(error, ImportError) else str(error)
+        print(f"minicloth: {text}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         return 130

@@ -5,14 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from cloth_envs.commands import chart, tables
 from cloth_envs.commands.entries import choose_entries
-from cloth_envs.commands.measure import Comparison, compare
+from cloth_envs.commands.measure import REPEATS, Comparison, compare
 from cloth_envs.commands.outputs import fixed_camera, import_imageio, open_video
 from cloth_envs.files import check_folder
 from cloth_envs.policies import open_loop
+from cloth_envs.progress import announce, progress
 from cloth_envs.registry import load_task
 from cloth_envs.rendering import Renderer
 from cloth_envs.rendering.renderer import CAPTION_HEIGHT, import_pyvista
@@ -49,6 +49,10 @@ def compare_scene(
     if video:
         import_imageio()
         import_pyvista()
+    announce(
+        f"{scene}: {', '.join(entry.label for entry in chosen)} over {frames} frames beside the truth, each timed "
+        f"{REPEATS} times; table, chart{' and video' if video else ''} go into {folder} in the end"
+    )
     result = compare(scene, chosen, actions, seed=seed, material=material, resolution=task.resolution)
     fabric = "" if material is None else f", material {material}"
     setup = f"{scene}, {frames} frames of {task.frame_dt * 1e3:g} ms, seed {seed}, {policy} actions{fabric}"
@@ -79,7 +83,7 @@ def film(comparison: Comparison, path: Path) -> None:
         renderers.append(Renderer(comparison.scene, views=len(row), captions=captions, **size))
     frames = max(len(result.states) for result in results)
     with open_video(path, 1 / comparison.scene.frame_dt) as stream:
-        for frame in tqdm(range(frames), "video", unit="frame", disable=None):
+        for frame in progress(range(frames), "video", unit="frame"):
             lines = []
             for row, renderer in zip(rows, renderers, strict=True):
                 line = renderer.draw([result.states[min(frame, len(result.states) - 1)] for result in row])

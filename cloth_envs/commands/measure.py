@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 from gymnasium.utils.seeding import np_random
-from tqdm import tqdm
 
 from cloth_envs.commands.entries import Entry
 from cloth_envs.grid import Grid
 from cloth_envs.physics.truth import TRUTHS
+from cloth_envs.progress import progress
 from cloth_envs.resample import resample
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
@@ -90,6 +90,7 @@ def restart(world: World, saved: dict[str, np.ndarray], grid: Grid) -> None:
     for name in ("state.positions", "state.velocities"):
         state[name] = resample(saved[name], grid, world.scene.grid)
     own = world.get_state()
+    state["scene"] = own["scene"]
     for name, value in saved.items():
         if name.startswith("memory.") and own[name].shape != value.shape:
             state[name] = own[name]
@@ -172,10 +173,10 @@ def compare(
         if done in starts:
             truth.saved[done] = world.get_state()
     results = []
-    for entry, world in zip(tqdm(entries, "physics", disable=None), worlds, strict=True):
+    for entry, world in zip(progress(entries, "physics", name=lambda entry: entry.label), worlds, strict=True):
         world.reset({0: np_random(seed)[0]})
         results.append(measure(entry, world, truth, actions, horizons, starts))
-    for _ in tqdm(range(repeats), "timing", disable=None):  # in turn: a busy moment of the machine hits all alike
+    for _ in progress(range(repeats), "timing", unit="run"):  # in turn: a busy moment of the machine hits all alike
         for result, world in zip(results, worlds, strict=True):
             restart(world, truth.saved[0], truth.world.scene.grid)
             backend, world.backend = world.backend, Timed(world.backend, result.seconds)

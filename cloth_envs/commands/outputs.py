@@ -7,10 +7,10 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from cloth_envs.extras import install
 from cloth_envs.files import check_file, check_folder
+from cloth_envs.progress import progress
 from cloth_envs.rendering import Camera, Renderer, framing
 from cloth_envs.rendering.renderer import import_pyvista
 from cloth_envs.scene import Scene
@@ -61,7 +61,7 @@ def write_pictures(
         renderer = Renderer(scene, color="strain" if strain else "fabric", camera=camera)
         stack.callback(renderer.close)
         stream = None if video is None else stack.enter_context(open_video(Path(video), 1 / scene.frame_dt))
-        for number, state in enumerate(tqdm(states, "pictures", unit="frame", disable=None)):
+        for number, state in enumerate(progress(states, "pictures", unit="frame")):
             picture = renderer.draw(state)
             if stream is not None:
                 stream.append_data(picture)

@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from cloth_envs.parsing import Parser
 from cloth_envs.version import __version__
 
 
@@ -30,13 +31,13 @@ def _pictures(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--strain", action="store_true", help="colour the cloth by its strain")
 
 
-def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> argparse.ArgumentParser:
+def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> Parser:
     """All commands and their options; ``runs`` has what each command does."""
-    top = argparse.ArgumentParser("minicloth", description="Cloth scenes: list, simulate, draw, compare, measure.")
+    top = Parser("minicloth", description="Cloth scenes: list, simulate, draw, compare, measure.")
     top.add_argument("--version", action="version", version=f"minicloth {__version__}")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
-    def command(name: str, about: str) -> argparse.ArgumentParser:
+    def command(name: str, about: str) -> Parser:
         sub = commands.add_parser(name, help=about, description=about)
         sub.set_defaults(run=runs[name])
         return sub
@@ -82,8 +83,8 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> ar
     sub.add_argument("--out", metavar="DIR", help="default ./compare_<scene>; files in it are replaced")
     sub.add_argument("--no-video", dest="video", action="store_false", help="table and chart only")
 
-    sub = command("bench", "Run a benchmark; an unknown NAME lists them.")
-    sub.add_argument("benchmark", metavar="NAME")
+    sub = command("bench", "Run a benchmark; without NAME they are listed.")
+    sub.add_argument("benchmark", metavar="NAME", nargs="?")
     sub.add_argument("options", nargs=argparse.REMAINDER, help="its own options, see `minicloth bench NAME --help`")
 
     sub = command("report", "One self-contained HTML page of what benchmarks wrote with --out.")
@@ -91,13 +92,13 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> ar
     sub.add_argument(
         "--images", type=Path, metavar="DIR", help="of their charts (default --data, or docs/images for docs/data)"
     )
-    sub.add_argument("--out", type=Path, metavar="OUT.html", required=True, help="the page")
+    sub.add_argument("--out", type=Path, metavar="OUT.html", help="the page, which must be named")
 
     sub = command("generate", "Simulate trajectories to learn from; goes on where it was stopped.")
-    sub.add_argument("scene", metavar="SCENE", help="a scene that has the preset")
+    sub.add_argument("scene", metavar="SCENE", nargs="?", help="which; without it they are listed")
     sub.add_argument("options", nargs=argparse.REMAINDER, help="more, see `minicloth generate SCENE --help`")
 
-    sub = command("train", "Train a network; an unknown NAME lists them. Goes on where it was stopped.")
-    sub.add_argument("training", metavar="NAME")
+    sub = command("train", "Train a network; without NAME they are listed. Goes on where it was stopped.")
+    sub.add_argument("training", metavar="NAME", nargs="?")
     sub.add_argument("options", nargs=argparse.REMAINDER, help="its own options, see `minicloth train NAME --help`")
     return top

@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
-from tqdm import tqdm
 
 from cloth_envs.commands.outputs import check_pictures, write_pictures
 from cloth_envs.files import check_file
 from cloth_envs.policies import open_loop
+from cloth_envs.progress import announce, progress
 from cloth_envs.recording import RecordRollout, Rollout
 from cloth_envs.registry import EPISODE_FRAMES, env_id, load_task
 
@@ -49,10 +49,17 @@ def rollout(
         if hdf5 is not None:
             env = RecordRollout(env, hdf5, overwrite=overwrite)
             stack.callback(env.close)
+        rows, cols = cloth.scene.grid.shape
+        outputs = ", ".join(str(path) for path in (hdf5, video, images) if path is not None)
+        announce(
+            f"{scene}: {frames} frames of {task.frame_dt * 1e3:g} ms, {rows} x {cols} vertices, "
+            + (f"then {frames + 1} pictures; " if drawn else "")
+            + (f"into {outputs}" if outputs else "nothing is written (see --video, --images, --hdf5)")
+        )
         env.reset(seed=seed)
         states = [cloth.state.copy()]
         total, failure = 0.0, None
-        for action in tqdm(actions, scene, unit="frame", disable=None):
+        for action in progress(actions, scene, len(actions), unit="frame"):
             _, reward, terminated, _, info = env.step(action)
             total += float(reward)
             if drawn:
@@ -83,5 +90,7 @@ def render(file: str, *, trajectory: int, video: str | None, images: str | None,
     if video is None and images is None:
         video = str(Path(file).with_suffix(".mp4"))
     check_pictures(video, images)
+    outputs = ", ".join(path for path in (video, images) if path is not None)
+    announce(f"{file}: {len(states)} pictures of {scene.name} into {outputs}")
     write_pictures(scene, states, video=video, images=images, strain=strain)
     return "\n".join(f"wrote {path}" for path in (video, images) if path is not None)

@@ -7,9 +7,10 @@ from typing import Any, ClassVar
 import _minicloth_kernels as kernels
 import numpy as np
 
+from cloth_envs.arguments import float_type, one_of, whole_number
 from cloth_envs.backend import Backend, check_keywords, keywords
 from cloth_envs.material import Material
-from cloth_envs.naming import resolve, unknown_name
+from cloth_envs.naming import resolve
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -36,8 +37,7 @@ def reference(
     Raises:
         ValueError: an unknown solver or option (the nearest match is named), or one that can't step the scene.
     """
-    if not isinstance(solver, str) or solver not in SOLVERS:
-        raise unknown_name("solver", solver, SOLVERS)
+    one_of("solver", solver, SOLVERS)
     table = SOLVERS if scene.particles is None else PARTICLE_SOLVERS
     if solver not in table:
         raise ValueError(
@@ -49,13 +49,6 @@ def reference(
         options["threads"] = threads
     check_keywords(chosen, options, f"solver={solver!r}")
     return chosen(scene, num_envs=num_envs, **options)
-
-
-def whole_number(name: str, value: object, least: int = 1) -> int:
-    """``value`` as it is. Raises ValueError: not a whole number of at least ``least``."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r}")
-    return value
 
 
 def kernel_sheet(scene: Scene) -> kernels.Sheet:
@@ -94,16 +87,14 @@ class Solver(ABC):
         scene: what is modelled; terms that it does not list are not evaluated.
         num_envs: members of the batch.
         threads: over members of the batch; results do not depend on it.
-        dtype: of the state, ``"float32"`` or ``"float64"``.
+        dtype: of the state, ``"float32"`` or ``"float64"``, or NumPy's type of that name.
     """
 
     yields: ClassVar[bool] = False  # to compression, as ``Material.yields`` says
 
     def __init__(self, scene: Scene, *, num_envs: int = 1, threads: int = 1, dtype: str = "float32") -> None:
-        if dtype not in ("float32", "float64"):
-            raise unknown_name("dtype", dtype, ("float32", "float64"))
         self.scene, self.num_envs = scene, whole_number("num_envs", num_envs)
-        self.threads, self.dtype = whole_number("threads", threads), np.dtype(dtype)
+        self.threads, self.dtype = whole_number("threads", threads), float_type(dtype)
         self._state: State | None = None
 
     @property
@@ -122,13 +113,17 @@ class Solver(ABC):
         if memory:
             raise ValueError(f"{type(self).__name__} remembers nothing beyond its state, got {', '.join(memory)}")
 
+    def check_material(self, material: Material) -> None:
+        """Refuse what this solver can't step; a solver adds its own limits. Raises ValueError: says what to change."""
+        if material.yields and not self.yields:
+            raise ValueError(
+                f"{type(self).__name__} has no springs that yield under compression: use solver='explicit', "
+                "or leave the material's compression, post_buckling and compression_damping at 1"
+            )
+
     @abstractmethod
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
-        """Prepare some members for new materials; off the hot path.
-
-        Raises:
-            ValueError: a material that this solver can't step; says what to change.
-        """
+        """Prepare some members for new materials, which ``check_material`` let through; off the hot path."""
 
     @abstractmethod
     def step(self, old: State, new: State, controls: Controls) -> None:
@@ -144,11 +139,8 @@ class Solver(ABC):
         if state.batch != len(members):
             raise ValueError(f"the state holds {state.batch} cloths, expected {len(members)}")
         chosen = [self.scene.material] * len(members) if materials is None else list(materials)
-        if not self.yields and any(material.yields for material in chosen):
-            raise ValueError(
-                f"{type(self).__name__} has no springs that yield under compression: use solver='explicit', "
-                "or leave the material's compression, post_buckling and compression_damping at 1"
-            )
+        for material in set(chosen):
+            self.check_material(material)
         self.set_materials(members, chosen)
         state = state.astype(self.dtype)
         if which is None:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from cloth_envs.arguments import as_number
 from cloth_envs.naming import resolve, unknown_name
 from cloth_envs.registry import PRESETS, load_task
 from cloth_envs.scenes.task import Task
@@ -27,7 +28,7 @@ def load_preset(scene: str, preset: str | Mapping[str, Any]) -> type[Task]:
             does not have, or an option that is no finite number or out of its range.
     """
     load_task(scene)
-    options = dict(preset) if isinstance(preset, Mapping) else {"name": preset}
+    options: dict[str, Any] = dict(preset) if isinstance(preset, Mapping) else {"name": preset}
     name = options.pop("name", None)
     if name is None:
         raise ValueError(f'a preset as a dict needs its name, such as {{"name": "lee2019"}}, got {preset!r}')
@@ -44,8 +45,10 @@ def load_preset(scene: str, preset: str | Mapping[str, Any]) -> type[Task]:
             raise ValueError(f'preset {name!r} of {scene} has no options: write preset="{name}" without {option!r}')
         if option not in task.options:
             raise unknown_name(f"option of preset {name!r}:", option, task.options)
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not np.isfinite(value):
+        number = as_number(value)
+        if number is None or not np.isfinite(number):
             raise ValueError(f"preset {name!r} needs a finite number as {option}, got {value!r}")
+        options[option] = number
     return task.with_options(**options) if options else task
 
 

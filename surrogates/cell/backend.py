@@ -13,7 +13,8 @@ On sheets the numbers are 1 to 1e-12 and frames are those of ``"reference"`` to 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from cloth_envs.naming import unknown_name
+from cloth_envs.arguments import one_of
+from cloth_envs.extras import missing
 from cloth_envs.physics.particles.solver import ParticleSolver
 from cloth_envs.scene import Scene
 from surrogates.cell.compiled import SHEET, CellNet, CellSheet, dimensional
@@ -50,15 +51,18 @@ def cnn(
     Raises:
         ValueError: a bad argument, weights that there are not, or plugged-in forces without ``engine="torch"``.
     """
-    if engine not in ENGINES:
-        raise unknown_name("engine", engine, ENGINES)
+    one_of("engine", engine, ENGINES)
+    if not isinstance(forces, Sequence) or not all(map(callable, forces)):
+        raise ValueError(f"forces must be a list of functions f(positions, velocities), got {forces!r}")
     options: dict[str, Any] = {"num_envs": num_envs, "threads": threads, "dtype": dtype}
     net: Callable[..., ParticleSolver] = CellNet
     sheet: type[CellSheet] = CellSheet
     if engine == "torch":
-        from surrogates.cell.engine import TorchNet, TorchSheet
-
-        net, sheet, options = TorchNet, TorchSheet, options | {"device": device, "forces": forces}
+        try:
+            from surrogates.cell.engine import TorchNet, TorchSheet, usable
+        except ImportError as error:
+            raise ImportError(missing('engine="torch"', error)) from error
+        net, sheet, options = TorchNet, TorchSheet, options | {"device": usable(device), "forces": forces}
     elif forces or device != "cpu":
         raise ValueError('forces and device belong to engine="torch": add it, or leave them out')
     name = weights or (PARTICLES if scene.particles is not None else f"cnn_{scene.name.lower()}")

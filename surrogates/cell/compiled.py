@@ -41,7 +41,7 @@ class CellNet(ParticleSolver):
 
     def __init__(self, scene: Scene, cell: Cell, *, dtype: str = "float32", **options: int) -> None:
         super().__init__(scene, dtype=dtype, **options)
-        self._kernel = make_kernel(scene, cell, dtype=dtype)
+        self._kernel = make_kernel(scene, cell, dtype=self.dtype.name)
 
 
 class CellSheet(ExplicitSolver):
@@ -56,6 +56,11 @@ class CellSheet(ExplicitSolver):
         super().__init__(replace(scene, gravity=gravity), **options)
         self.scene = scene
 
+    def check_material(self, material: Material) -> None:
+        super().check_material(self._felt_as(material))
+
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
-        felt = [m.with_changes(**{n: getattr(m, n) * f for n, f in self._factors.items()}) for m in materials]
-        super().set_materials(which, felt)
+        super().set_materials(which, [self._felt_as(m) for m in materials])
+
+    def _felt_as(self, material: Material) -> Material:
+        return material.with_changes(**{n: getattr(material, n) * f for n, f in self._factors.items()})

@@ -19,6 +19,16 @@ from surrogates.cell.sheet import Force, SheetCell, properties
 from surrogates.cell.stencil import StencilCell
 
 
+def usable(device: str) -> str:
+    """``device`` as it is. Raises ValueError: torch has no such device, or this machine has not."""
+    try:
+        torch.empty(0, device=device)
+    except (AssertionError, RuntimeError, TypeError) as error:
+        reason = str(error).splitlines()[0]
+        raise ValueError(f"device={device!r} can't be used ({reason}): write device='cpu', or leave it out") from error
+    return device
+
+
 def pressure_force(positions: Tensor, pressure: Tensor) -> Tensor:
     """Eq. 3, ``p sum r_a x r_b`` over four pairs of nearest neighbours, for ``pressure`` ``(B,)`` [Pa].
 

@@ -3,15 +3,26 @@
 from collections.abc import Mapping
 from typing import Any
 
-from cloth_envs.naming import unknown_name
+import numpy as np
+
+from cloth_envs.arguments import as_whole, one_of, true_or_false
+from cloth_envs.grid import Grid
 from cloth_envs.scene import Scene
 from surrogates.checkpoint import of_factor
 from surrogates.miniature.closure import card
-from surrogates.miniature.coarse import CoarsePhysics
+from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
 from surrogates.miniature.correction import Correction, shipped
 from surrogates.miniature.upscaled import Upscaled
 from surrogates.upscale.local import weights_name
 from surrogates.upscale.protocol import make_upscaler
+
+OBLONG = 1.5
+
+
+def _square(grid: Grid, factor: int) -> bool:
+    """Whether the cells of a grid and of its coarse one are about as long as wide, as in training."""
+    ratios = [np.log(g.row_spacing / g.col_spacing) for g in (grid, coarse_grid(grid, factor))]
+    return bool(np.abs(ratios).max() <= np.log(OBLONG))
 
 
 class MiniatureBackend(Upscaled):
@@ -23,7 +34,8 @@ class MiniatureBackend(Upscaled):
         scaling: ``"similar"`` (the sheet's own material), ``"seed"`` (the paper's spring constants, ``factor^2``
             times too stiff), ``"calibrated"`` (factors fitted per scene), ``"closure"`` (those and a law of springs
             in compression, fitted too). With neither this nor an upscaler given, ``"closure"`` and ``"local"`` where
-            both are shipped for the scene, else, and if only one is given, ``"similar"`` and ``"bicubic"``.
+            both are shipped for the scene (``"bicubic"`` on cells over ``OBLONG`` times longer than wide, which the
+            networks have not seen), else, and if only one is given, ``"similar"`` and ``"bicubic"``.
         factors: of a calibration of your own, ``{material property: multiplier}``, instead of the shipped ones.
         upscaler: an interpolation, ``"bilinear"``, ``"biquadratic"`` or ``"bicubic"``, a network by name, or
             ``"module:Class"``.
@@ -52,13 +64,16 @@ class MiniatureBackend(Upscaled):
         solver: str = "explicit",
         solver_kwargs: Mapping[str, Any] | None = None,
     ) -> None:
-        if isinstance(factor, bool) or factor not in (2, 3, 4):
+        cells = as_whole(factor)
+        if cells not in (2, 3, 4):
             raise ValueError(f"factor must be 2, 3 or 4, got {factor!r}")
-        if not isinstance(guard, bool):
-            raise ValueError(f"guard must be True or False, got {guard!r}")
+        factor, guard = cells, true_or_false("guard", guard)
+        for name, options in {"factors": factors, "solver_kwargs": solver_kwargs}.items():
+            if options is not None and not isinstance(options, Mapping):
+                raise ValueError(f"{name} must be a dict, got {options!r}")
         fitted = scene.name in card("closure")["scenes"] and of_factor(weights_name("local", scene.name), factor)
         if scaling is None and upscaler is None and solver == "explicit" and fitted:
-            scaling, upscaler = "closure", "local"
+            scaling, upscaler = "closure", "local" if _square(scene.grid, factor) else "bicubic"
         self.factor, self.scaling, self.upscaler = factor, scaling or "similar", upscaler or "bicubic"
         coarse = CoarsePhysics(
             scene,
@@ -70,8 +85,7 @@ class MiniatureBackend(Upscaled):
             options={"threads": threads, **(solver_kwargs or {})},
         )
         if correction is not None:
-            if correction != "learned":
-                raise unknown_name("correction", correction, ["learned"])
+            one_of("correction", correction, ["learned"])
             if self.scaling != "closure":
                 raise ValueError(f'correction={correction!r} was trained on scaling="closure", got {self.scaling!r}')
             coarse.correct(Correction(coarse.scene, shipped(scene.name, factor)))

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from _minicloth_kernels import Correct
 
+from cloth_envs.arguments import as_number, one_of
 from cloth_envs.grid import Grid
-from cloth_envs.material import Material
-from cloth_envs.naming import unknown_name
+from cloth_envs.material import PROPERTIES, Material
 from cloth_envs.physics.solver import reference
 from cloth_envs.resample import on_grid
 from cloth_envs.scene import Scene
@@ -35,6 +35,17 @@ def coarse_scene(scene: Scene, factor: float, material: Material) -> tuple[Scene
     grid = coarse_grid(scene.grid, factor)
     handles = Handles.of(scene.grid, grid, scene.handles)
     return replace(scene, grid=grid, handles=handles.vertices, material=material), handles
+
+
+def _numbers(factors: Mapping[str, float]) -> dict[str, float]:
+    """Multipliers of a calibration by property. Raises ValueError: another property, or no number of at least 0."""
+    read = {}
+    for name, value in factors.items():
+        number = as_number(value)
+        if number is None or not 0 <= number < np.inf:
+            raise ValueError(f"factors[{name!r}] must be a number of at least 0, got {value!r}")
+        read[one_of("material property in factors:", name, PROPERTIES)] = number
+    return read
 
 
 class CoarsePhysics:
@@ -71,13 +82,12 @@ class CoarsePhysics:
         options: Mapping[str, Any] | None = None,
     ) -> None:
         self.fine, self.factor, self.scaling = fine, factor, scaling
-        if scaling not in SCALINGS:
-            raise unknown_name("scaling", scaling, SCALINGS)
+        one_of("scaling", scaling, SCALINGS)
         if scaling in ("similar", "seed"):
             if factors is not None:
                 raise ValueError(f'factors need scaling="calibrated" or "closure", got scaling={scaling!r}')
             factors = {}
-        self._factors = load_factors(fine.name, factor, scaling) if factors is None else factors
+        self._factors = load_factors(fine.name, factor, scaling) if factors is None else _numbers(factors)
         self.scene, self.handles = coarse_scene(fine, factor, self.material(fine.material))
         self.solver = reference(self.scene, num_envs=num_envs, solver=solver, **(options or {}))
         self.frames = 1
@@ -87,6 +97,12 @@ class CoarsePhysics:
     def material(self, fine: Material) -> Material:
         """What a cloth of material ``fine`` is made of on the coarse grid."""
         return miniature_material(fine, self.factor, self.scaling, self._factors)
+
+    def check_material(self, fine: Material) -> None:
+        """Refuse a fine material whose coarse one the solver can't step. Raises ValueError: says what to change."""
+        check = getattr(self.solver, "check_material", None)
+        if check is not None:
+            check(self.material(fine))
 
     def correct(self, correction: Correction) -> None:
         """Let a network change every frame from now on.

@@ -86,6 +86,10 @@ class Upscaled:
         if self._remembering:
             self._remembering.recall({n[len(OWN) :]: value for n, value in memory.items() if n.startswith(OWN)})
 
+    def check_material(self, material: Material) -> None:
+        """Refuse a fine material whose coarse one can't be stepped. Raises ValueError: says what to change."""
+        self.coarse.check_material(material)
+
     def reset(
         self, state: State, materials: Sequence[Material] | None = None, which: Sequence[int] | None = None
     ) -> None:

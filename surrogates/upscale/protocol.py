@@ -5,8 +5,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from cloth_envs.arguments import one_of
 from cloth_envs.material import Material
-from cloth_envs.naming import resolve, unknown_name
+from cloth_envs.naming import resolve
 from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
@@ -92,10 +93,10 @@ def make_upscaler(name: str, coarse: Scene, fine: Scene, factor: int) -> Upscale
         ValueError: an unknown name (the nearest match is named), one without weights for this scene, or a class that is
             no upscaler.
     """
+    if not isinstance(name, str) or ":" not in name:
+        one_of("upscaler", name, (*INTERPOLATIONS, *LEARNED, "module:Class"))
     if name in INTERPOLATIONS:
         return Interpolation(coarse, fine, factor, kind=INTERPOLATIONS[name])
-    if not isinstance(name, str) or (name not in LEARNED and ":" not in name):
-        raise unknown_name("upscaler", name, (*INTERPOLATIONS, *LEARNED, "module:Class"))
     learned: Callable[[Scene, Scene, int], Upscaler] = resolve(LEARNED.get(name, name))
     try:
         made = learned(coarse, fine, factor)

@@ -15,6 +15,8 @@ from typing import Any
 
 from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
+from cloth_envs.parsing import Parser
+from cloth_envs.progress import announce
 from cloth_envs.registry import SCENES
 from training.cache import cache_folder
 from training.rows import Store, read_names, read_rows
@@ -25,6 +27,7 @@ BENCHMARKS: dict[str, str] = {
     "stability": "training.bench.stability.run",
     "transfer": "training.bench.transfer.run",
     "mesh": "training.bench.mesh",
+    "endurance": "training.bench.endurance",
     "convergence": "training.bench.convergence",
     "peers": "training.bench.peers.run",
     "tables": "training.bench.papers.run",
@@ -77,6 +80,19 @@ class Session:
             self._stores[stem] = Store(path, file.kind, file.key, fresh=self.given.fresh)
         return self._stores[stem]
 
+    def plan(self) -> str:
+        """What is going to be measured, and where it goes."""
+        there = {} if self.out is None or self.given.fresh else saved(self.benchmark, self.out)
+        kept = f"{sum(map(len, there.values()))} rows that it holds are kept"
+        goes_on = f"rows go into {self.out}, where {kept}; stopped by Ctrl-C, the same command goes on"
+        lost = "rows are printed in the end and lost where it is stopped: --out FOLDER keeps them"
+        quick = "a trial run of 2 minutes" if self.quick else "minutes to hours (--quick: a trial run)"
+        return (
+            f"{self.benchmark.name}, {quick}: {self.benchmark.about}\n"
+            f"Scenes {', '.join(self.scenes)}; {goes_on if self.out else lost}. "
+            f"What takes long to make is kept in {self.cache('')}."
+        )
+
     def write(self, header: Path | None) -> None:
         """What the session says of itself, as JSON."""
         if header:
@@ -120,9 +136,9 @@ class Benchmark:
         """Stem of the JSON file that says on what and how the rows were measured."""
         return self.name.replace("-", "_")
 
-    def parser(self) -> argparse.ArgumentParser:
+    def parser(self) -> Parser:
         """The options that all benchmarks have, and its own."""
-        top = argparse.ArgumentParser(prog=f"minicloth bench {self.name}", description=self.about)
+        top = Parser(prog=f"minicloth bench {self.name}", description=self.about)
         top.add_argument("--scenes", help="default: " + ",".join(self.scenes))
         top.add_argument("--quick", action="store_true", help="a trial run in 2 minutes; says that it is quick")
         top.add_argument("--out", type=Path, help="folder for rows (CSV), their header (JSON) and charts")
@@ -152,6 +168,7 @@ class Benchmark:
             if old and old["quick"] != session.quick and not session.given.fresh:
                 kind = "without" if session.quick else "of"
                 raise ValueError(f"{session.out} holds rows {kind} --quick: choose another --out, or --fresh")
+            announce(session.plan())
             print(setup(session.about))
             session.write(header)
             self.measure(session)

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from cloth_envs.physics.truth import TRUTHS
+from cloth_envs.progress import progress
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.measure import built, run, vertex_error
 from training.bench.participants import CONVERGENCE, FLOOR, Participant, extra, label, truth
@@ -216,9 +216,8 @@ def measure(session: Session) -> None:
         case = Case(scene, 0, COARSE * coarse, LIMIT)
         begin = round(START / case.world().scene.frame_dt)
         limit = load(case, begin + FRAMES, [begin, begin + FRAMES], session.cache("truth"))
-        bar = tqdm([NUDGED, *participants], desc=f"{scene}, convergence", disable=None)
-        for participant in bar:
-            bar.set_postfix_str(participant.label)
+        todo = [NUDGED, *participants]
+        for participant in progress(todo, f"{scene}, convergence", unit="run", name=lambda p: p.label):
             if (scene, participant.family, participant.text, case.seed, limit.key) not in store:
                 store.add(converged(participant, case, limit, begin))
 

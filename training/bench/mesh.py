@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
+from cloth_envs.progress import progress
 from cloth_envs.registry import load_task
 from cloth_envs.resample import on_grid
 from surrogates.miniature.coarse import coarse_scene
@@ -101,7 +101,7 @@ def measure(session: Session) -> None:
     seeds, coarse = (SEEDS[:1], 2.0) if session.quick else (SEEDS, 0.5)
     participants = [*MESH, *extra(session.given.backend)]
     session.about |= {"seeds": seeds, "starts": STARTS, "truth": f"explicit, half the spacing: {truth(TRUTH).fixed}"}
-    for scene in tqdm(session.scenes, desc="mesh", disable=None):
+    for scene in progress(session.scenes, "mesh", unit="scene", name=str):
         cases = [Case(scene, seed, coarse, TRUTH) for seed in seeds]
         for starts in (STARTS, (0,)):
             windows = fine_windows(cases, starts, max(HORIZONS), session.cache("truth"))

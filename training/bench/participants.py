@@ -142,6 +142,15 @@ STABILITY = [
     _one("closure learned", "mini \u00d74 learned", factor=4),
     _one("cnn", "cnn"),
 ]
+# What an agent may train on.
+ENDURANCE = [
+    _one("explicit", "reference"),
+    _one("admm", "P-ADMM, 10 it.", iterations=10),
+    _one("closure local", "miniature x2", factor=2),
+    _one("closure local", "miniature x4", factor=4),
+    _one("cnn", "cnn"),
+    _one("implicit", "implicit, 1/4 grid", 4, max_iterations=100),
+]
 # Every way in which a solver is refined, to the same limit.
 CONVERGENCE = [
     *_solver("explicit", *({"refine": n, "dtype": "float64"} for n in (1, 2, 4))),

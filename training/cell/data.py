@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from tqdm import tqdm
 
 from cloth_envs.physics.particles.solver import NEIGHBOURS, ParticleSolver, net_of
 from cloth_envs.physics.solver import Solver
+from cloth_envs.progress import progress
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
@@ -114,7 +114,7 @@ def samples(
     solver = ParticleSolver(replace(given.scene, frame_dt=net_of(given.scene).sim_dt), dtype="float64")
     frames = (state for state, _ in replay(solver, given.start, repeat(given.controls, steps - 1)))
     wanted, moving = set(chosen), free_vertices(given.scene)
-    for step, state in enumerate(tqdm(chain([given.start], frames), given.scene.name, steps, disable=None)):
+    for step, state in enumerate(progress(chain([given.start], frames), given.scene.name, steps, unit="step")):
         if step in wanted:
             x, v = (a[0].reshape(3, -1) for a in (state.positions, state.velocities))
             yield x, v, accelerations(given.scene, state), rng.choice(moving, vertices, replace=False)

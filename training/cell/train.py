@@ -110,8 +110,8 @@ def particles(recipe: Recipe, out: Path, cache: Path) -> None:
             **header(),
         }
         target = PARTICLES + ("" if name == "both" else f"_{name}")
-        save(target, found[name], card, out)
-        print(target, json.dumps(card["off the simulator's law [%]"]), flush=True)
+        path = save(target, found[name], card, out)
+        print("wrote", path, json.dumps(card["off the simulator's law [%]"]), flush=True)
 
 
 def sheet(name: str, out: Path) -> None:
@@ -134,8 +134,8 @@ def sheet(name: str, out: Path) -> None:
         **header(),
     }
     target = f"cnn_{name.lower()}"
-    save(target, {"factors": found.factors, "by_class": found.by_class}, card, out)
-    print(target, *(f"{branch} {value - 1:.1e}" for branch, value in factors.items()), flush=True)
+    path = save(target, {"factors": found.factors, "by_class": found.by_class}, card, out)
+    print("wrote", path, *(f"{branch} {value - 1:.1e}" for branch, value in factors.items()), flush=True)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

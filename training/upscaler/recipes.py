@@ -55,10 +55,8 @@ def _recipes() -> Iterator[tuple[str, Recipe]]:
 
 
 RECIPES = dict(_recipes())
-# Those whose weights the package holds.
-SHIPPED = {f"{kind}-{scene.lower()}-{factor}" for kind in ("fc", "hdnn") for scene in SCENES for factor in FACTORS}
 
 
 def work_folder() -> Path:
-    """Of checkpoints; its ``weights`` are those that are not shipped."""
+    """Of checkpoints; its ``weights`` are those trained here."""
     return cache_folder("upscalers")

@@ -6,7 +6,6 @@ optimised units learn what bilinear interpolation misses; units that pass the co
 training goes on, bit for bit.
 """
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -20,12 +19,15 @@ from scipy.linalg import block_diag
 
 from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
-from surrogates.checkpoint import WEIGHTS, save
+from cloth_envs.parsing import Parser
+from cloth_envs.progress import announce
+from surrogates.checkpoint import save
 from surrogates.upscale.published import Mlp
+from training.command import add_out
 from training.fit import Kept, cosine, fit
 from training.generate import data_folder
 from training.upscaler.data import Pairs, data_hash, read, shards
-from training.upscaler.recipes import RECIPES, SHIPPED, Recipe, work_folder
+from training.upscaler.recipes import RECIPES, Recipe, work_folder
 
 PROBE = 100_000  # pairs for the statistics, and for the errors of the card
 LEAST_VARIANCE = 1e-7  # of a principal component that is whitened, over the largest one's
@@ -100,16 +102,20 @@ def train(recipe: Recipe, pairs: Pairs, kept: Kept) -> tuple[dict[str, np.ndarra
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Train the network, write its weights and their card. Returns the exit code."""
-    parser = argparse.ArgumentParser(prog="minicloth train upscaler", description=__doc__)
+    parser = Parser(prog="minicloth train upscaler", description=__doc__)
     parser.add_argument("--recipe", required=True, help="one of " + ", ".join(RECIPES))
     parser.add_argument("--data", type=Path, help="folder of `minicloth generate` (default: in the user's cache)")
-    parser.add_argument("--out", type=Path, help="folder of the weights (default: the package's, or a cache)")
+    add_out(parser, work_folder() / "weights")
     options = parser.parse_args(argv)
     name = options.recipe
     if name not in RECIPES:
         raise unknown_name("recipe", name, RECIPES)
     recipe, work = RECIPES[name], work_folder()
     folder = options.data or data_folder(recipe.scene, recipe.preset)
+    announce(
+        f"upscaler {name}: {recipe.steps} steps on the trajectories in {folder}\n"
+        f"Weights go into {options.out}, what is half done into {work}; stopped by Ctrl-C, the same command goes on."
+    )
     paths = [shards(folder, held_out=held) for held in (False, True)]
     learnt, held = (
         Pairs([read(path, recipe.factor) for path in part], recipe.scene, recipe.factor,
@@ -142,6 +148,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         "licence": "MIT",
         **header(),
     }
-    save(name.replace("-", "_"), arrays, card, options.out or (WEIGHTS if name in SHIPPED else work / "weights"))
+    print(f"wrote {save(name.replace('-', '_'), arrays, card, options.out)}")
     print(json.dumps({"seconds": card["seconds"], **card["errors"]["held out"]}))
     return 0

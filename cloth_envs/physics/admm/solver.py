@@ -13,12 +13,14 @@ from typing import Any
 import _minicloth_kernels as kernels
 import numpy as np
 
+from cloth_envs.arguments import whole_number
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet, whole_number
+from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
+LARGEST = 1e12  # N/m, far beyond any cloth, far below what float32 holds
 # w_i^2 of a spring over its stiffness; docs/solvers.md tells how it was measured.
 WEIGHT = 0.2
 
@@ -116,7 +118,17 @@ class AdmmSolver(Solver):
             col_basis=modes(grid.cols, grid.periodic)[0],
         )
         self._systems: list[Any] = [None] * num_envs  # the kernel's, of its dtype
+        self.check_material(scene.material)
         self.set_materials(range(num_envs), [scene.material] * num_envs)
+
+    def check_material(self, material: Material) -> None:
+        super().check_material(material)
+        values = eigenvalues(self.scene.grid, material, self.scene.frame_dt / self.substeps)
+        if not values.max() < LARGEST:
+            raise ValueError(
+                f"this material makes a matrix of {values.max():g} N/m, the limit is {LARGEST:g}: lower its stiffness, "
+                "damping or areal_density"
+            )
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         scene, h = self.scene, self.scene.frame_dt / self.substeps

@@ -1,12 +1,14 @@
 """The default reference solver: symplectic Euler at the largest stable step, compiled."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import _minicloth_kernels as kernels
 import numpy as np
 
+from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
-from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet, whole_number
+from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -40,6 +42,7 @@ def stiffness_bound(scene: Scene, material: Material) -> tuple[float, float]:
     return springs, bending
 
 
+@lru_cache(maxsize=1024)  # an environment asks before it sets a material
 def stable_step(scene: Scene, material: Material) -> float:
     """The step ``h`` [s] for which ``h^2 K + 2 h C <= 4 M`` with safety 0.9.
 
@@ -90,26 +93,34 @@ class ExplicitSolver(Solver):
         refine: int = 1,
     ) -> None:
         super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
-        self._refine, self._wanted = whole_number("refine", refine), substeps
+        self._refine = whole_number("refine", refine)
+        self._wanted = None if substeps is None else whole_number("substeps", substeps)
         kernel = kernels.Explicit32 if self.dtype == np.float32 else kernels.Explicit64
         self._kernel = kernel(kernel_sheet(scene))
         self._felt = [kernel_material(scene, scene.material)] * num_envs
         self.substeps = np.ones(num_envs, np.int32)
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
+    def check_material(self, material: Material) -> None:
+        super().check_material(material)
+        self._count(material)
+
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         for i, m in zip(which, materials, strict=True):
-            self._felt[i] = kernel_material(self.scene, m)
-            least = int(np.ceil(self.scene.frame_dt / stable_step(self.scene, m)))
-            count = least * self._refine if self._wanted is None else self._wanted
-            if count < least:
-                raise ValueError(f"substeps={count} is unstable for this grid and material; use at least {least}")
-            if count > MAX_SUBSTEPS:
-                raise ValueError(
-                    f"this material needs {count} substeps a frame, the limit is {MAX_SUBSTEPS}: lower its stiffness "
-                    "or damping, raise its areal_density, or use a coarser resolution"
-                )
-            self.substeps[i] = count
+            self._felt[i], self.substeps[i] = kernel_material(self.scene, m), self._count(m)
+
+    def _count(self, material: Material) -> int:
+        """Substeps in a frame. Raises ValueError: more than the limit, or fewer wanted than are stable."""
+        least = np.ceil(self.scene.frame_dt / stable_step(self.scene, material))
+        count = least * self._refine if self._wanted is None else self._wanted
+        if count < least:
+            raise ValueError(f"substeps={count} is unstable for this grid and material; use at least {least:.0f}")
+        if not count <= MAX_SUBSTEPS:
+            raise ValueError(
+                f"this material needs {count:.0f} substeps a frame, the limit is {MAX_SUBSTEPS}: lower its stiffness "
+                "or damping, raise its areal_density, or use a coarser resolution"
+            )
+        return int(count)
 
     def step(self, old: State, new: State, controls: Controls) -> None:
         self._kernel.advance(old, new, controls, self._felt, self.substeps, self.threads)

@@ -6,10 +6,10 @@ from typing import Any
 import _minicloth_kernels as kernels
 import numpy as np
 
+from cloth_envs.arguments import as_number, one_of, whole_number
 from cloth_envs.material import Material
-from cloth_envs.naming import unknown_name
 from cloth_envs.physics.implicit.step import GAMMA, Drive, ImplicitStep
-from cloth_envs.physics.solver import Solver, kernel_sheet, whole_number
+from cloth_envs.physics.solver import Solver, kernel_sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -64,14 +64,13 @@ class ImplicitSolver(Solver):
         window: int = 8,
     ) -> None:
         super().__init__(scene, num_envs=num_envs, threads=1, dtype=dtype)
-        if not isinstance(scheme, str) or scheme not in GAMMA:
-            raise unknown_name("scheme", scheme, GAMMA)
-        if isinstance(tolerance, bool) or not isinstance(tolerance, int | float) or not 0 < tolerance < np.inf:
+        share = as_number(tolerance)
+        if share is None or not 0 < share < np.inf:
             raise ValueError(f"tolerance must be a positive number such as 0.1, got {tolerance!r}")
         self._options: dict[str, Any] = {
-            "scheme": scheme,
+            "scheme": one_of("scheme", scheme, GAMMA),
             "substeps": whole_number("substeps", substeps),
-            "tolerance": float(tolerance),
+            "tolerance": share,
             "max_iterations": whole_number("max_iterations", max_iterations),
             "window": whole_number("window", window),
         }

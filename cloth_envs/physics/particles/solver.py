@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import _minicloth_kernels as kernels
 import numpy as np
 
+from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
 from cloth_envs.particles import Particles
-from cloth_envs.physics.solver import Solver, kernel_sheet, whole_number
+from cloth_envs.physics.solver import Solver, kernel_sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -107,11 +108,14 @@ class ParticleSolver(Solver):
         super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
         refine = whole_number("refine", refine)
         self.substeps = np.full(num_envs, steps_a_frame(scene) * refine, np.int32)
-        self._kernel = make_kernel(scene, mass_spring_cell(scene), dtype=dtype, refine=refine)
+        self._kernel = make_kernel(scene, mass_spring_cell(scene), dtype=self.dtype.name, refine=refine)
+
+    def check_material(self, material: Material) -> None:
+        if material != self.scene.material:
+            raise ValueError("a net of particles has no material to change: its settings are scene.particles")
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
-        if any(material != self.scene.material for material in materials):
-            raise ValueError("a net of particles has no material to change: its settings are scene.particles")
+        """Nothing to prepare."""
 
     def step(self, old: State, new: State, controls: Controls) -> None:
         self._kernel.advance(old, new, controls, self.threads)

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from cloth_envs.backend import Backend
+from cloth_envs.progress import progress
 from surrogates.checkpoint import WEIGHTS
 from training.bench.papers import runs
 from training.bench.papers.runs import READINGS, UNSCALED, UPSCALERS
@@ -197,7 +197,7 @@ def fill(
         wanted += [("T7", scene, 2, {})] + [("T4", scene, factor, {}) for factor in FACTORS]
         wanted += [(figure, scene, 2, options) for figure, variants in VARIED.items() for options in variants]
     wanted += [("fig15", "Flag", 2, options) for options in TURNED if "Flag" in scenes]
-    for table, scene, factor, options in tqdm(wanted, desc="tables with networks", disable=None):
+    for table, scene, factor, options in progress(wanted, "tables with networks", unit="run"):
         if not _known(rows, table=table, scene=scene, options=_text(options), factor=factor):
             new, by_frames = score(table, scene, factor, frames, options, folder if table in ("T7", "fig15") else None)
             rows.add(*new)

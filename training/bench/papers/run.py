@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from tqdm import tqdm
 
 from cloth_envs.presets import solver_of
+from cloth_envs.progress import progress
 from cloth_envs.resample import Resampler, resample
 from surrogates.checkpoint import load
 from surrogates.miniature.coarse import coarse_grid
@@ -57,7 +57,7 @@ def tables(frames: int, scenes: Sequence[str] = SCENES) -> Iterator[TableRow]:
     wanted += [(8, scene, 2, "similar", "bicubic") for scene in TABLE_8]
     runs = {scene: teacher(scene, frames) for scene in scenes}
     todo = [entry for entry in wanted if entry[1] in runs]
-    for table, scene, factor, scaling, upscaler in tqdm(todo, desc="tables", disable=None):
+    for table, scene, factor, scaling, upscaler in progress(todo, "tables", unit="run"):
         run = runs[scene]
         truth, teacher_seconds = follow(run, solver(run.scene))
         real, seconds = follow(run, shrunk(run.scene, factor, scaling=scaling, upscaler=upscaler))

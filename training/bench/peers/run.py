@@ -14,12 +14,12 @@ from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
 from cloth_envs.backend import Backend
 from cloth_envs.extras import install
 from cloth_envs.naming import resolve
 from cloth_envs.physics.truth import TRUTHS
+from cloth_envs.progress import progress
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.participants import Participant, extra
 from training.bench.peers.results import OWN, PEER_KEY, STEM, PeerRow, draw, table
@@ -107,11 +107,11 @@ def timed(setup: Setup, chosen: Sequence[Participant], budget: float) -> list[tu
     """
     engines = [make(one, setup) for one in chosen]
     first = []
-    for engine in tqdm(engines, desc=f"{setup.scene.name}: engines", disable=None):
+    for engine in progress(engines, f"{setup.scene.name}: first runs", unit="engine"):
         follow(setup, engine, seconds=setup.scene.frame_dt)  # warms up
         first.append(follow(setup, engine, limit=LIMIT))
     seconds = [[trace.seconds] for trace in first]
-    for _ in tqdm(range(4), desc=f"{setup.scene.name}: again", disable=None):
+    for _ in progress(range(4), f"{setup.scene.name}: again", unit="round"):
         for engine, trace, times in zip(engines, first, seconds, strict=True):
             if not trace.failure and sum(t[:, 0].sum() for t in times) <= budget:
                 times.append(follow(setup, engine).seconds)

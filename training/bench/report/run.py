@@ -8,6 +8,7 @@ from pathlib import Path
 
 from cloth_envs.extras import install
 from cloth_envs.files import check_file
+from cloth_envs.progress import announce
 from cloth_envs.version import __version__
 from training.bench.benchmark import BENCHMARKS, find, saved
 from training.bench.participants import FLOOR, ORACLE, label
@@ -32,6 +33,7 @@ def write(data: Path, images: Path, out: Path) -> str:
         OSError: ``out`` can't be written.
     """
     check_file(out, suffixes=(".html",))
+    announce(f"rows of {', '.join(BENCHMARKS)} in {data} and charts in {images} become one page, {out}")
     sections, missing = {}, []
     for name in BENCHMARKS:
         body, lacks = section(name, data, images)

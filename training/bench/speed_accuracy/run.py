@@ -12,8 +12,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
 from pathlib import Path
 
-from tqdm import tqdm
-
+from cloth_envs.progress import progress, say
 from cloth_envs.registry import SCENES
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.clock import RUN_MS, RUNS, SLOW, TOO_SLOW, CostRow, costs
@@ -47,7 +46,7 @@ def prepare(cases: Sequence[Case], last: int, cache: Path, processes: int) -> No
     jobs = [(case, last, cache) for case in cases]
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(processes, spawn) if processes > 1 else nullcontext() as pool:
-        list(tqdm(pool.map(_prepare, jobs) if pool else map(_prepare, jobs), "truth", len(jobs), disable=None))
+        list(progress(pool.map(_prepare, jobs) if pool else map(_prepare, jobs), "truth", len(jobs), unit="run"))
 
 
 def affordable(ms: float, frames: int, batch: int, budget: float) -> int:
@@ -73,13 +72,11 @@ def score(
             count, run_ms = runs if batch == 1 else 3, RUN_MS * budget / BUDGET
             timed.add(*costs(missing, windows, batch=batch, threads=threads, runs=count, run_ms=run_ms))
     times = {(c.family, c.options): c.ms_median for c in timed.rows if (c.scene, c.batch) == (name, 1)}
-    bar = tqdm([truth(TRUTH), *participants], desc=name, disable=None)
-    for participant in bar:
-        bar.set_postfix_str(participant.label)
+    for participant in progress([truth(TRUTH), *participants], name, unit="method", name=lambda p: p.label):
         own, floor = (participant.family, participant.text), participant.family == FLOOR
         ms = times.get(own, float("nan"))
         if ms > TOO_SLOW:
-            tqdm.write(f"{name}: {participant.label} takes {ms:.0f} ms a frame: left out")
+            say(f"{name}: {participant.label} takes {ms:.0f} ms a frame: left out")
             continue
         threads = (os.cpu_count() or 1) if floor else 1  # as slow as the truth
         count = len(long.seeds) if floor else affordable(ms, len(windows.controls), len(windows.seeds), budget)

@@ -9,8 +9,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from tqdm import tqdm
-
+from cloth_envs.progress import progress
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.measure import built
 from training.bench.participants import STABILITY, Participant, extra
@@ -67,9 +66,10 @@ def measure(session: Session) -> None:
         "soft": SOFT,
         "fails": NOTE,
     }
-    bar = tqdm(worlds(None if given.scenes is None else session.scenes, axes, seeds, ends=quick), STEM, disable=None)
-    for name, level, scene, seed in bar:
-        bar.set_postfix_str(f"{scene} {name} {AXES[name].label(level)}")
+    todo = worlds(None if given.scenes is None else session.scenes, axes, seeds, ends=quick)
+    for name, level, scene, seed in progress(
+        todo, STEM, unit="world", name=lambda one: f"{one[2]} {one[0]} {AXES[one[0]].label(one[1])}"
+    ):
         missing = [p for p in participants if (name, level, scene, p.label, json.dumps(p.whole), seed) not in store]
         for grid in dict.fromkeys(p.coarse for p in missing):
             same = [p for p in missing if p.coarse == grid]

@@ -22,7 +22,7 @@ LENGTHS = (25, 50, 100, 150, 250)  # frames; the longest is ten times the longes
 BALL_END, BALL_WAY = 0.3, 0.6  # m: where a shot ball stops (y), and least way of its front before it is half through
 BALL_SPEED, BALL_RADIUS = 4.0, 0.2  # m/s, m: of the axis that does not vary it
 FREE_SPEED = 1.0  # m/s, root mean square of what a free cloth starts with
-POLICIES = ("zero", "smooth", "bang-bang", "random", "alternating")  # the last: full action, turned at every frame
+POLICIES = ("zero", "smooth", "bang-bang", "random", "alternating")
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,10 +51,7 @@ def episode(base: Base, frames: int, policy: str = "smooth") -> Stage:
     world.reset({0: np_random(base.seed)[0]})
     scene, start, now = world.scene, world.state.copy(), world.state.astype(np.float64)
     scripted, size = [], len(world.task.actions)
-    if policy == "alternating":
-        actions = np.where(np.arange(frames) % 2, -1.0, 1.0)[:, None] * np.ones(size)
-    else:
-        actions = open_loop(policy, max(frames, 200), size, scene.frame_dt, base.seed)[:frames]
+    actions = open_loop(policy, max(frames, 200), size, scene.frame_dt, base.seed)[:frames]
     assert world.episode is not None
     for action in actions:
         given = world.task.controls(Episode(now, world.episode.memory, action[None]))

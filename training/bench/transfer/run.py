@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 from time import perf_counter, process_time
 
 import numpy as np
-from tqdm import tqdm
 
 from cloth_envs.grid import coarser
+from cloth_envs.progress import progress
 from cloth_envs.registry import load_task
 from cloth_envs.world import World
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
@@ -64,14 +64,14 @@ def fill(session: Session, scene: str, coarse: int, generations: int, seeds: Seq
     where, frames = (scene, *coarser(load_task(scene).resolution, coarse)), round(DURATION / load_task(scene).frame_dt)
     by_name = {p.label: p for p in (*TRANSFER, *extra(session.given.backend))}
     jobs = [(name, k) for k in range(REPETITIONS) for name in by_name]  # in turn: a busy moment hits all alike
-    for name, k in tqdm(jobs, f"{scene}, training", disable=None):
+    for name, k in progress(jobs, f"{scene}, training", unit="training"):
         if (*where, name, k) not in trainings:
             trainings.add(trained(scene, by_name[name], k, coarse, generations))
     found = {(t.policy, t.repetition): t for t in trainings.rows if (t.scene, t.rows, t.cols) == where}
     runs = [(policy, 0, REFERENCE) for policy in (ZERO, RANDOM)]
     runs += [(name, k, REFERENCE) for name, k in jobs] + [(name, k, name) for name, k in jobs if name != REFERENCE]
     worlds: dict[str, World] = {}
-    for policy, k, on in tqdm(runs, f"{scene}, scoring", disable=None):
+    for policy, k, on in progress(runs, f"{scene}, scoring", unit="run"):
         if all((*where, policy, k, on, seed) in episodes for seed in seeds):
             continue
         world = worlds.setdefault(on, make_world(scene, by_name[on], len(seeds), coarse))

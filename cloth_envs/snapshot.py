@@ -1,0 +1,150 @@
+"""What ``get_state`` saves, and the checks that a saved state passes before anything of an environment changes."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from cloth_envs.material import PROPERTIES, Material
+from cloth_envs.naming import unknown_name
+from cloth_envs.scene import Scene
+from cloth_envs.state import State
+
+LIMIT = 1e6  # m, m/s, s, Pa: numbers of a state beyond it are no cloth's
+OWN = "backend."  # before the names of what a backend remembers
+
+
+@dataclass
+class Snapshot:
+    """Everything that decides the future of a batch of B cloths.
+
+    Attributes:
+        state: the batch's. memory: of the task, ``(B, ...)`` each. own: of the backend, the same.
+        frames: of every episode, ``(B,)``.
+        materials: one a member. rngs: one a member, None where none is known.
+    """
+
+    state: State
+    memory: dict[str, np.ndarray]
+    own: dict[str, np.ndarray]
+    frames: np.ndarray
+    materials: list[Material]
+    rngs: list[np.random.Generator | None]
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Copies by name, as ``read`` takes them back."""
+        named = {f"state.{name}": value for name, value in self.state.arrays().items()}
+        named |= {f"memory.{name}": value for name, value in self.memory.items()}
+        named |= {f"{OWN}{name}": value for name, value in self.own.items()}
+        saved = {name: value.copy() for name, value in (named | {"frames": self.frames}).items()}
+        saved["materials"] = np.array([[getattr(m, p) for p in PROPERTIES] for m in self.materials])
+        texts = [json.dumps(rng and rng.bit_generator.state, default=np.ndarray.tolist) for rng in self.rngs]
+        return saved | {"rng": np.array(texts)}
+
+
+def identity(task: type, scene: Scene) -> str:
+    """What must be equal where a state is taken back, whatever the material; JSON."""
+    parts = {name: value for name, value in asdict(scene).items() if name not in ("material", "handles", "name")}
+    return json.dumps({"scene": scene.name, "task": task.__name__, **parts})
+
+
+def shapes(scene: Scene, batch: int, memory: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
+    """Of everything that a state must hold, by name; what a backend remembers comes beside it."""
+    cloth, bodies = (3, *scene.grid.shape), (len(scene.colliders), 2, 3)
+    state: dict[str, tuple[int, ...]] = {
+        "positions": cloth,
+        "velocities": cloth,
+        "wind": (3,),
+        "pressure": (),
+        "time": (),
+    }
+    state |= {"colliders": bodies, "collider_velocities": bodies}
+    found = {f"state.{name}": (batch, *shape) for name, shape in state.items()}
+    found |= {f"memory.{name}": value.shape for name, value in memory.items()}
+    return found | {"frames": (batch,), "materials": (batch, len(PROPERTIES)), "rng": (batch,)}
+
+
+def read(
+    saved: Mapping[str, Any], needed: Mapping[str, tuple[int, ...]], own: Mapping[str, tuple[int, ...]]
+) -> Snapshot:
+    """What ``Snapshot.arrays`` gave, checked: ``needed`` are the shapes of what must be there.
+
+    ``own`` are those of what this backend remembers; another's is left out.
+
+    Raises:
+        ValueError: something is missing, unknown, of another shape or not finite.
+    """
+    lacks = [name for name in needed if name not in saved]
+    if lacks:
+        raise ValueError(f"this state lacks {', '.join(lacks)}: pass all that get_state() gave")
+    for name in saved:
+        if name not in needed and not name.startswith(OWN):
+            raise unknown_name("part of a state:", name, needed)
+    named = {OWN + name: shape for name, shape in own.items()}
+    remembered = {n: s for n, s in named.items() if n in saved and np.shape(saved[n]) == s}
+    if remembered.keys() != named.keys():
+        remembered = {}
+    texts = np.asarray(saved["rng"])
+    if texts.shape != needed["rng"] or texts.dtype.kind != "U":
+        raise ValueError(f"rng must be texts of shape {needed['rng']}, got {texts.dtype} of shape {texts.shape}")
+    numbers = {n: s for n, s in needed.items() if n != "rng"} | remembered
+    values = {name: check_array(name, saved[name], shape) for name, shape in numbers.items()}
+    frames = values["frames"]
+    if frames.dtype.kind not in "iu" or (frames < 0).any():
+        raise ValueError(f"frames must be whole numbers of at least 0, got {frames.tolist()}")
+    return Snapshot(
+        State(**_under("state.", values)),
+        _under("memory.", values),
+        _under(OWN, values),
+        frames.astype(np.int64),
+        [Material(**dict(zip(PROPERTIES, row, strict=True))) for row in values["materials"].tolist()],
+        [_generator(text) for text in texts.tolist()],
+    )
+
+
+def check_array(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """A copy of finite numbers of ``shape``, those of a state below ``LIMIT``. Raises ValueError: they are not."""
+    try:
+        given = np.array(value)
+    except ValueError as error:
+        raise ValueError(f"{name} must be an array of shape {shape} ({error})") from error
+    if given.shape != shape:
+        raise ValueError(f"{name} must have shape {shape}, got {given.shape}")
+    if given.dtype.kind not in "fiu" or not np.isfinite(given).all():
+        raise ValueError(f"{name} must be finite numbers, it holds NaN, infinity or no numbers ({given.dtype})")
+    if name.startswith("state.") and (abs(given) > LIMIT).any():
+        raise ValueError(f"{name} must lie within +-{LIMIT:g}, got {abs(given).max():g}: SI units")
+    return given
+
+
+def check_scene(found: Any, wanted: str) -> None:
+    """Refuse a state whose ``identity`` is another. Raises ValueError: says in what they differ."""
+    try:
+        there, here = json.loads(str(found)), json.loads(wanted)
+        other = [f"{n} {there.get(n)!r} instead of {value!r}" for n, value in here.items() if there.get(n) != value]
+    except (ValueError, AttributeError) as error:
+        raise ValueError(f"this state's scene can't be read ({error}): pass what get_state() gave") from error
+    if other:
+        raise ValueError(
+            f"this state is of another scene, preset or resolution ({'; '.join(other[:2])}): "
+            "set it in an environment made with the same arguments"
+        )
+
+
+def _under(prefix: str, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name[len(prefix) :]: value for name, value in values.items() if name.startswith(prefix)}
+
+
+def _generator(text: str) -> np.random.Generator | None:
+    """The generator that a JSON text tells, None of ``null``. Raises ValueError: it tells none."""
+    try:
+        content = json.loads(text)
+        if content is None:
+            return None
+        generator = np.random.Generator(getattr(np.random, content["bit_generator"])())
+        generator.bit_generator.state = content
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise ValueError(f"this state's rng can't be read ({error!r}): pass what get_state() gave") from error
+    return generator

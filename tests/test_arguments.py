@@ -1,0 +1,271 @@
+"""What users write: NumPy's numbers count as Python's, and a mistake is answered by what to write instead."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import cloth_envs
+from cloth_envs.registry import EPISODE_FRAMES
+
+ID = "MiniCloth-Flag-v0"
+SMALL = {"resolution": (9, 13)}
+MEMBERS = 3
+
+
+def one(**options: Any) -> gym.Env[Any, Any]:
+    return gym.make(ID, **SMALL | options)
+
+
+def many(**options: Any) -> gym.vector.VectorEnv[Any, Any, Any]:
+    return gym.make_vec(ID, **{"num_envs": MEMBERS, **SMALL, **options})
+
+
+def physics(backend: str = "reference", **options: Any) -> gym.Env[Any, Any]:
+    return one(backend=backend, backend_kwargs=options)
+
+
+def miniature(**options: Any) -> gym.Env[Any, Any]:
+    return physics("miniature", **options)
+
+
+def cnn(**options: Any) -> gym.Env[Any, Any]:
+    return physics("cnn", **options)
+
+
+# What is done -> words of the sentence that answers it.
+MISTAKES: dict[str, tuple[Callable[[], object], list[str]]] = {
+    "fabric": (lambda: one(fabric="silk"), ["'fabric'", "mean 'material'", "'resolution'"]),
+    "solver": (lambda: one(solver="admm"), ["write backend_kwargs={'solver': 'admm'}"]),
+    "iterations": (lambda: one(iterations=4), ["backend_kwargs={'solver': 'admm', 'iterations': 4}"]),
+    "refine": (lambda: one(refine=2), ["backend_kwargs={'refine': 2}"]),
+    "refine beside threads": (
+        lambda: one(refine=2, backend_kwargs={"threads": 2}),
+        ["backend_kwargs={'threads': 2, 'refine': 2}"],
+    ),
+    "factor": (lambda: one(factor=4), ["backend='miniature', backend_kwargs={'factor': 4}"]),
+    "engine": (lambda: one(engine="torch"), ["backend='cnn', backend_kwargs={'engine': 'torch'}"]),
+    "backends": (lambda: one(backends="cnn"), ["mean 'backend'"]),
+    "seed": (lambda: one(seed=1), ["env.reset(seed=1)"]),
+    "render": (lambda: one(render=True), ["mean 'render_mode'"]),
+    "rendermode": (lambda: one(rendermode="rgb_array"), ["mean 'render_mode'"]),
+    "nothing like it": (lambda: one(xyz=1), ["'xyz'", "'backend'", "'material'", "'render_mode'"]),
+    "num_envs of one": (lambda: one(num_envs=2), ["make_vec(id, num_envs=2)"]),
+    "fabric of many": (lambda: many(fabric="silk"), ["mean 'material'", "'autoreset_mode'"]),
+    "threads of many": (lambda: many(threads=2), ["backend_kwargs={'threads': 2}"]),
+    "autoreset": (lambda: many(autoreset="SameStep"), ["mean 'autoreset_mode'"]),
+    "autoreset_mode list": (lambda: many(autoreset_mode=["SameStep"]), ["autoreset_mode", "'SameStep'"]),
+    "obs None": (lambda: one(obs=None), ["observation None", "'keypoints', 'mesh'"]),
+    "backend class": (lambda: one(backend=dict), ["register_backend"]),
+    "backend_kwargs": (lambda: one(backend_kwargs=4), ["must be a dict, got 4"]),
+    "backend_kwargs list": (lambda: one(backend_kwargs=["solver"]), ["must be a dict, got ['solver']"]),
+    "material number": (lambda: one(material=3), ["fabric's name or a dict", '{"areal_density": 0.3}']),
+    "material text": (lambda: one(material={"drag": "0.2"}), ["drag must be a number, got '0.2'"]),
+    "preset option": (lambda: one(preset={"name": "lee2019", "mass": "3"}), ["finite number as mass, got '3'"]),
+    "resolution one number": (lambda: one(resolution=33), ["(rows, cols) such as (33, 49)", "got 33"]),
+    "resolution text": (lambda: one(resolution="33x49"), ["(33, 49)", "got '33x49'"]),
+    "resolution floats": (lambda: one(resolution=(33.0, 49)), ["whole numbers"]),
+    "resolution bool": (lambda: one(resolution=(True, 49)), ["whole numbers", "got (True, 49)"]),
+    "resolution table": (lambda: one(resolution=np.ones((2, 2), int)), ["two whole numbers"]),
+    "resolution small": (lambda: one(resolution=(1, 1)), ["at least 3 x 3"]),
+    "resolution huge": (lambda: one(resolution=(5000, 5000)), ["smaller resolution"]),
+    "randomize pairs": (lambda: one(randomize=[("drag", (0, 1))]), ["randomize must be a dict such as"]),
+    "randomize text": (lambda: one(randomize="drag"), ["randomize must be a dict such as"]),
+    "randomize None": (lambda: one(randomize={"drag": (None, 1)}), ["randomize['drag']", "(low, high)"]),
+    "randomize texts": (lambda: one(randomize={"drag": ("0", "1")}), ["randomize['drag']", "two numbers"]),
+    "randomize bools": (lambda: one(randomize={"drag": (False, True)}), ["randomize['drag']", "two numbers"]),
+    "randomize reversed": (lambda: one(randomize={"drag": (2, 1)}), ["randomize['drag']", "low <= high"]),
+    "randomize NaN": (lambda: one(randomize={"drag": (np.nan, 1)}), ["randomize['drag']", "low <= high"]),
+    "randomize negative": (lambda: one(randomize={"drag": (-1, 1)}), ["randomize['drag']", "zero or positive"]),
+    "num_envs float": (lambda: many(num_envs=2.0), ["num_envs must be a whole number of at least 1, got 2.0"]),
+    "no frames": (lambda: many(max_episode_steps=0), ["max_episode_steps", "at least 1, got 0", "-1 for no limit"]),
+    "minus three": (lambda: many(max_episode_steps=-3), ["max_episode_steps", "got -3", "-1 for no limit"]),
+    "half a frame": (lambda: many(max_episode_steps=2.5), ["max_episode_steps", "got 2.5"]),
+    "factor float": (lambda: miniature(factor=2.0), ["factor must be 2, 3 or 4, got 2.0"]),
+    "guard number": (lambda: miniature(guard=1), ["guard must be True or False, got 1"]),
+    "upscaler list": (lambda: miniature(upscaler=["bicubic"]), ["upscaler ['bicubic']", "'bilinear'"]),
+    "factors list": (lambda: miniature(scaling="calibrated", factors=[1]), ["factors must be a dict"]),
+    "factors name": (lambda: miniature(scaling="calibrated", factors={"dragg": 1}), ["mean 'drag'"]),
+    "factors text": (lambda: miniature(scaling="calibrated", factors={"drag": "1"}), ["factors['drag']", "number"]),
+    "solver_kwargs": (lambda: miniature(solver_kwargs=3), ["solver_kwargs must be a dict, got 3"]),
+    "substeps text": (lambda: physics(substeps="99"), ["substeps must be a whole number", "got '99'"]),
+    "substeps float": (lambda: physics(substeps=99.5), ["substeps must be a whole number", "got 99.5"]),
+    "dtype": (lambda: physics(dtype=int), ["dtype", "'float32', 'float64'"]),
+    "dtype None": (lambda: physics(dtype=None), ["dtype None"]),
+    "device": (lambda: cnn(engine="torch", device="gpu"), ["device='gpu'", "write device='cpu'"]),
+    "forces": (lambda: cnn(engine="torch", forces=3), ["forces must be a list of functions"]),
+    "option of one": (lambda: one().reset(options={"reset_mask": [True]}), ["'reset_mask'", "leave options out"]),
+    "seed as option": (lambda: one().reset(options={"seed": 3}), ["no reset options, got 'seed'"]),
+    "options list": (lambda: one().reset(options=[1]), ["options of reset must be a dict"]),
+    "option of many": (lambda: many().reset(options={"mask": [True]}), ["'mask'", "mean 'reset_mask'"]),
+    "ragged mask": (lambda: many().reset(options={"reset_mask": [[1], 0, 1]}), ["bool array of shape (3,)"]),
+    "seed negative": (lambda: one().reset(seed=-1), ["seed must be a whole number of at least 0, got -1"]),
+    "seed text": (lambda: one().reset(seed="1"), ["seed must be a whole number of at least 0, got '1'"]),
+    "seed bool": (lambda: one().reset(seed=True), ["got True"]),
+    "seeds float": (lambda: many().reset(seed=1.5), ["a list of 3", "got 1.5"]),
+    "seeds text": (lambda: many().reset(seed="123"), ["a list of 3", "got '123'"]),
+    "seeds set": (lambda: many().reset(seed={1, 2, 3}), ["a list of 3"]),
+    "seeds table": (lambda: many().reset(seed=np.ones((3, 1), int)), ["a list of 3"]),
+    "seeds bool": (lambda: many().reset(seed=True), ["got True"]),
+    "seeds negative": (lambda: many().reset(seed=[1, -2, 3]), ["got -2"]),
+    "seeds too many": (lambda: many().reset(seed=(1, 2, 3, 4)), ["4 seeds for 3"]),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_answered_by_what_to_write(name: str) -> None:
+    make, words = MISTAKES[name]
+    with pytest.raises(ValueError, match=r"\w") as error:
+        make()
+    for word in words:
+        assert word in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+ACTIONS: dict[str, tuple[Any, str]] = {
+    "too long": (np.zeros(3), "has shape (3,), expected (2,)"),
+    "too deep": (np.zeros((1, 2)), "has shape (1, 2), expected (2,)"),
+    "a number": (0.5, "has shape (), expected (2,)"),
+    "None": (None, "must be numbers in [-1, 1] of shape (2,)"),
+    "text": (["0", "1"], "must be numbers"),
+    "ragged": ([[0, 1], [2]], "must be numbers"),
+    "complex": (np.zeros(2, complex), "must be numbers"),
+    "objects": (np.array([0, None]), "must be numbers"),
+    "booleans": ([True, False], "must be numbers"),
+    "a dict": ({"x": 1}, "must be numbers"),
+    "not finite": ([0.0, np.nan], "NaN or infinity"),
+}
+
+
+@pytest.mark.parametrize("name", ACTIONS)
+def test_what_is_no_action_moves_nothing(name: str) -> None:
+    action, words = ACTIONS[name]
+    env = one()
+    env.reset(seed=0)
+    before = env.unwrapped.get_state()
+    with pytest.raises(ValueError, match="action") as error:
+        env.step(action)
+    assert words in str(error.value)
+    after = env.unwrapped.get_state()
+    assert all(np.array_equal(before[name], after[name]) for name in before)
+    assert env.step([0, 1])[0].shape == env.observation_space.shape  # a list is an action
+
+
+@pytest.mark.parametrize(
+    ("shape", "members"), [((2,), 3), ((2, 2), 3), ((3, 3), 3), ((3,), 3), ((2,), 1)], ids=lambda shape: str(shape)
+)
+def test_vector_actions_tell_both_shapes(shape: tuple[int, ...], members: int) -> None:
+    env = many(num_envs=members)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="action") as error:
+        env.step(np.zeros(shape))
+    assert f"has shape {shape}, expected ({members}, 2)" in str(error.value)
+    env.step([[0, 0]] * members)
+
+
+def played(env: Any, seed: Any) -> np.ndarray:
+    env.reset(seed=seed)
+    return env.step(np.full(env.action_space.shape, 0.5))[0]
+
+
+@pytest.mark.parametrize(
+    ("theirs", "ours"),
+    [
+        ({"resolution": np.array([9, 13])}, {"resolution": (9, 13)}),
+        ({"resolution": [np.int32(9), np.int64(13)]}, {"resolution": (9, 13)}),
+        ({"randomize": {"drag": np.array([0.25, 1.5])}}, {"randomize": {"drag": (0.25, 1.5)}}),
+        ({"randomize": {"drag": [np.float32(0.25), np.array(1.5)]}}, {"randomize": {"drag": (0.25, 1.5)}}),
+        ({"material": {"drag": np.array(0.25)}}, {"material": {"drag": 0.25}}),
+        ({"preset": {"name": "lee2019", "mass": np.array(3)}}, {"preset": {"name": "lee2019", "mass": 3.0}}),
+        ({"num_envs": np.int64(2)}, {"num_envs": 2}),
+        ({"max_episode_steps": np.int64(9)}, {"max_episode_steps": 9}),
+        ({"backend_kwargs": {"threads": np.int64(2)}}, {"backend_kwargs": {"threads": 2}}),
+        ({"backend_kwargs": {"refine": np.uint8(2)}}, {"backend_kwargs": {"refine": 2}}),
+        ({"backend_kwargs": {"substeps": np.int64(99)}}, {"backend_kwargs": {"substeps": 99}}),
+        ({"backend_kwargs": {"dtype": np.float64}}, {"backend_kwargs": {"dtype": "float64"}}),
+        ({"backend_kwargs": {"dtype": np.dtype("f8")}}, {"backend_kwargs": {"dtype": "float64"}}),
+        (
+            {"backend_kwargs": {"solver": "admm", "iterations": np.int16(3)}},
+            {"backend_kwargs": {"solver": "admm", "iterations": 3}},
+        ),
+        (
+            {"backend_kwargs": {"solver": "implicit", "tolerance": np.float32(0.5), "window": np.int64(4)}},
+            {"backend_kwargs": {"solver": "implicit", "tolerance": 0.5, "window": 4}},
+        ),
+        (
+            {"backend": "miniature", "backend_kwargs": {"factor": np.int64(2), "guard": np.True_}},
+            {"backend": "miniature", "backend_kwargs": {"factor": 2, "guard": True}},
+        ),
+        (
+            {"backend": "cnn", "backend_kwargs": {"dtype": np.float64, "threads": np.int8(1)}},
+            {"backend": "cnn", "backend_kwargs": {"dtype": "float64", "threads": 1}},
+        ),
+    ],
+    ids=lambda options: str(options),
+)
+def test_numpys_numbers_count_as_pythons(theirs: dict[str, Any], ours: dict[str, Any]) -> None:
+    assert np.array_equal(played(many(**theirs), 3), played(many(**ours), 3))
+
+
+def test_particles_take_numpys_types() -> None:
+    options: dict[str, Any] = {"preset": "zhao2024", "disable_env_checker": True}
+    for backend in ("reference", "cnn"):
+        env: Any = gym.make("MiniCloth-Hanging-v0", backend=backend, backend_kwargs={"dtype": np.float64}, **options)
+        assert env.unwrapped.world.backend.dtype == np.float64
+        env.reset(seed=0)
+        env.step([0, 0, 0])
+
+
+@pytest.mark.parametrize("seeds", [(4, 5, 6), np.array([4, 5, 6]), [np.int64(4), np.uint8(5), 6], np.int64(4)], ids=str)
+def test_seeds_in_any_form(seeds: Any) -> None:
+    assert np.array_equal(played(many(), seeds), played(many(), 4))
+    assert np.array_equal(played(one(), np.int64(5)), played(many(), 4)[1])
+
+
+def test_seeds_of_any_size_and_none() -> None:
+    huge = 2**70
+    assert np.array_equal(played(many(), huge)[2], played(one(), huge + 2))
+    assert np.array_equal(played(many(), [None, huge, None])[1], played(one(), huge))
+
+
+def test_minus_one_is_no_limit_as_in_make() -> None:
+    env = many(max_episode_steps=-1, resolution=(5, 7))
+    env.reset(seed=0)
+    actions = np.zeros(env.action_space.shape)
+    assert not any(env.step(actions)[3].any() for _ in range(EPISODE_FRAMES["Flag"] + 1))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"material": {"areal_density": 200}}, "areal_density=200 .*kg/m\\^2: 200 g/m\\^2 is written 0.2"),
+        ({"material": cloth_envs.Material(areal_density=200)}, "areal_density=200"),
+        ({"randomize": {"areal_density": (100, 300)}}, "randomize\\['areal_density'\\]=100"),
+        ({"material": {"stretch_stiffness": 1e7}, "backend_kwargs": {"solver": "admm"}}, "=1e\\+07 .* N/m"),
+        ({"material": {"bend_stiffness": 0.4}, "backend_kwargs": {"solver": "admm"}}, "bend_stiffness=0.4 .*9.8e-6"),
+        ({"material": {"damping": 0.2}, "backend_kwargs": {"solver": "admm"}}, "damping=0.2 .*relaxation time"),
+        ({"material": {"drag": 100}}, "drag=100 .*1/s"),
+        ({"material": {"buckling_strain": 3}}, "3 % is written 0.03"),
+    ],
+    ids=str,
+)
+def test_values_of_another_unit_warn_once_with_the_unit(options: dict[str, Any], words: str) -> None:
+    with pytest.warns(UserWarning, match=words) as told:
+        one(disable_env_checker=True, **options)
+    assert len(told) == 1
+
+
+def test_what_is_shipped_warns_of_nothing() -> None:
+    """Warnings are errors here: fabrics, presets, and the coarse materials of the miniature."""
+    for fabric, material in cloth_envs.FABRICS.items():
+        one(material=fabric)
+        one(material=material)
+    for scene in ("Curtain", "Flag", "Collision"):
+        gym.make(cloth_envs.env_id(scene), preset="lee2019")
+        for factor in (2, 4):
+            gym.make(cloth_envs.env_id(scene), backend="miniature", backend_kwargs={"factor": factor})
+    gym.make("MiniCloth-Pressure-v0", preset="zhao2024")
