@@ -36,11 +36,14 @@ def check_options(given: Mapping[str, Any], *takers: Callable[..., Any]) -> None
 
     Raises:
         ValueError: says where it belongs, or names the choices and the nearest match.
+        TypeError: ``frameskip``, which TorchRL's ``GymEnv`` tries on every environment; it goes by these words.
     """
     choices = dict.fromkeys(name for taker in takers for name in keywords(taker))
     for name, value in given.items():
         if name in choices:
             continue
+        if name == "frameskip":
+            raise TypeError("got an unexpected keyword argument 'frameskip': repeat actions in a wrapper")
         if name in ELSEWHERE:
             raise ValueError(f"unknown keyword {name!r}; {ELSEWHERE[name].format(value=value)}")
         owner = _owner(name, given)

@@ -7,8 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+from cloth_envs import __version__
+
 HEAVY = ("torch", "pyvista", "vtk", "scipy", "matplotlib", "h5py", "surrogates", "training")
-PACKAGE = Path(__file__).parents[1] / "cloth_envs"
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "cloth_envs"
 
 
 def test_import_loads_nothing_heavy() -> None:
@@ -40,3 +43,16 @@ def test_scenes_name_no_solver() -> None:
     for path in [*(PACKAGE / "scenes").glob("*.py"), PACKAGE / "scene.py"]:
         if path.name != "compiled.py":  # the one door from scenes to compiled code, and to nothing of a solver's
             assert not re.search(r"explicit|admm|implicit|substep|kernel", path.read_text()), path.name
+
+
+def test_one_version_and_one_licence() -> None:
+    project, citation = ((ROOT / name).read_text(encoding="utf-8") for name in ("pyproject.toml", "CITATION.cff"))
+    for name in ("version", "license"):
+        told = [re.findall(rf'^{name}(?: =|:) "?([\w.]+)"?$', text, re.M) for text in (project, citation)]
+        assert told[0] == told[1]
+        assert len(told[0]) == 1
+    assert f'version = "{__version__}"' in project
+
+
+def test_both_packages_are_typed() -> None:
+    assert [(ROOT / name / "py.typed").is_file() for name in ("cloth_envs", "surrogates")] == [True, True]

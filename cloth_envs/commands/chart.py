@@ -12,6 +12,7 @@ from cloth_envs.style import COLORS, GRID, INK, MARKERS, import_figure, limits, 
 
 WIDTH, HEIGHT = 7.2, 4.6  # inches: the width of a page
 BARS = {"ms": 8, "mec": "white", "mew": 1.0, "elinewidth": 1.1, "capsize": 2.5, "zorder": 3}
+RING = {"ms": 17, "mfc": "none", "mew": 1.6, "elinewidth": 1.1, "zorder": 2}  # around what it equals
 
 
 def _two_and_five(value: float, _: int) -> str:
@@ -22,7 +23,8 @@ def _two_and_five(value: float, _: int) -> str:
 def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: str) -> None:
     """Write the chart of errors ``horizon`` frames after a restart from the truth to ``paths`` (``.png``, ``.svg``).
 
-    Entries that failed within the horizon, or don't differ from the truth, are named below the chart instead.
+    Entries that failed within the horizon, or don't differ from the truth, are named below the chart instead. What has
+    the errors of an earlier entry, to the bit, is an open marker around it.
     """
     column = comparison.horizons.index(horizon)
     shown = [r for r in comparison.results if np.isfinite(r.errors[:, column]).all() and r.errors[:, column].min() > 0]
@@ -31,6 +33,8 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
         for r in comparison.results
         if not any(r is s for s in shown)
     ]
+    labels = [r.entry.label for r in shown]
+    twins = {one: other for one, other in comparison.twins.items() if one in labels}
     curves = list(dict.fromkeys(r.entry.curve for r in comparison.results))
     figure = import_figure()(figsize=(WIDTH, HEIGHT), layout="constrained")
     axes = figure.add_subplot()
@@ -43,10 +47,13 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
         color = COLORS[number % len(COLORS)]
         line = sorted(mine, key=lambda i: times[i, 1])
         axes.plot(times[line, 1], mean[line], color=color, lw=1.2, alpha=0.45, zorder=1)
-        wide = np.abs(times[mine][:, [0, 2]] - times[mine, 1:2]).T
-        high = np.abs(np.stack([errors[mine].min(1), errors[mine].max(1)]) - mean[mine])
         marker = MARKERS[number % len(MARKERS)]
-        axes.errorbar(times[mine, 1], mean[mine], xerr=wide, yerr=high, fmt=marker, color=color, **BARS)
+        for i in mine:
+            wide = np.abs(times[i, [0, 2]] - times[i, 1])[:, None]
+            high = np.abs(np.array([errors[i].min(), errors[i].max()]) - mean[i])[:, None]
+            twin = labels[i] in twins  # whose range of errors is drawn already
+            look = RING | {"mec": color} if twin else BARS | {"yerr": high}
+            axes.errorbar(times[i, 1], mean[i], xerr=wide, fmt=marker, color=color, **look)
     if shown:
         axes.set_xlim(limits(times[:, 0].min(), times[:, 2].max(), 0.16))
         axes.set_ylim(limits(errors.min(), errors.max()))
@@ -68,28 +75,39 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
     axes.tick_params(colors=INK, which="both")
     note = f"{setup}. {machine()}.\nBars: quartiles of the time; range of the error over "
     note += f"{len(comparison.starts)} restarts from the truth."
+    for one, other in twins.items():
+        note += f"\nOpen marker: {one} has the errors of {other}, to the bit."
     if left_out:
         note += f"\nNot shown: {', '.join(left_out)}."
     figure.text(0.0, -0.01, note, fontsize=7.5, color=INK, va="top", ha="left")
     figure.draw_without_rendering()
     if shown:
-        _label(axes, [r.entry.label for r in shown], times[:, 1], mean)
+        own = [i for i, label in enumerate(labels) if label not in twins]
+        _label(axes, [labels[i] for i in own], times[own, 1], mean[own])
+        for i, label in enumerate(labels):
+            if i not in own:
+                _tell(axes, label, (times[i, 1], errors[i].max()), (0, 8), ha="center", va="bottom")
     for path in paths:
         figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.12, facecolor="white")
 
 
 def _label(axes: Any, labels: list[str], x: np.ndarray, y: np.ndarray) -> None:
     """Names beside the markers, moved apart, on the side that has more room."""
-    from matplotlib.patheffects import withStroke
-
     box = axes.get_window_extent()
     pixels = axes.transData.transform(np.stack([x, y], 1))
     dpi = axes.figure.dpi / 72
     right = pixels[:, 0] < box.x0 + 0.55 * box.width
-    halo = [withStroke(linewidth=3, foreground="white")]
-    text = {"textcoords": "offset points", "va": "center", "fontsize": 9, "color": INK, "zorder": 4}
     for side, align, away, up in ((True, "left", 10, 6), (False, "right", -10, -7)):
         mine = np.flatnonzero(right == side)
         for i, at in zip(mine, spread(pixels[mine, 1], 13 * dpi), strict=True):
             offset = away, (at - pixels[i, 1]) / dpi + up
-            axes.annotate(labels[i], (x[i], y[i]), offset, ha=align, path_effects=halo, **text)
+            _tell(axes, labels[i], (x[i], y[i]), offset, ha=align, va="center")
+
+
+def _tell(axes: Any, text: str, at: tuple[float, float], offset: tuple[float, float], **align: str) -> None:
+    """``text`` at an ``offset`` [points] of a point, legible over lines."""
+    from matplotlib.patheffects import withStroke
+
+    halo = [withStroke(linewidth=3, foreground="white")]
+    look = {"fontsize": 9, "color": INK, "zorder": 4, "path_effects": halo}
+    axes.annotate(text, at, offset, textcoords="offset points", **look, **align)

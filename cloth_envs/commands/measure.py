@@ -69,6 +69,17 @@ class Comparison:
     horizons: list[int]
     starts: list[int]
 
+    @property
+    def twins(self) -> dict[str, str]:
+        """Labels of entries whose errors are to the bit those of an earlier one, which they name."""
+        whole = [r for r in self.results if np.isfinite(r.errors).all()]
+        return {
+            r.entry.label: first.entry.label
+            for i, r in enumerate(whole)
+            for first in whole[:i][::-1]
+            if np.array_equal(r.errors, first.errors)
+        }
+
 
 def restart(world: World, saved: dict[str, np.ndarray], grid: Grid) -> None:
     """Continue ``saved``, a ``World.get_state()`` on ``grid``, in a world of another resolution or backend.

@@ -37,6 +37,12 @@ def write_csv(comparison: Comparison, path: Path) -> None:
         csv.writer(file).writerows(body)
 
 
+CNN = (
+    "cnn: the cell of Zhao 2024 has found the reference's law, so on sheets its frames are the reference's to the bit. "
+    "Take it for gradients and forces of your own in torch (engine torch), or to check the paper; not for speed.\n"
+)
+
+
 def notes(comparison: Comparison, setup: str) -> str:
     """What the numbers mean."""
     scene, truth = comparison.scene, comparison.truth
@@ -53,6 +59,8 @@ def notes(comparison: Comparison, setup: str) -> str:
         f"Truth: {truth.backend} at {rows_}x{cols} in float64 at a quarter of the step.\n"
         "Free run: mean over the whole run from the common start. Cloth is chaotic: this and the longer horizons "
         "measure how fast runs part, not how good either is.\n"
+        + "".join(f"{one} has the errors of {other}, to the bit.\n" for one, other in comparison.twins.items())
+        + (CNN if any(result.entry.backend == "cnn" for result in comparison.results) else "")
     )
 
 

@@ -26,6 +26,7 @@ class Curve:
     color: str
     marker: str
     line: str = "-"
+    ring: bool = False  # large and open, around what lies at the same place
 
 
 CURVES = {
@@ -42,7 +43,7 @@ CURVES = {
     "miniature closure": Curve("miniature, closure", "#000000", "p"),
     "closure local": Curve("closure, local network", "#000000", "*", "--"),
     "closure learned": Curve("closure, learned correction", "#D81B60", "P", "--"),
-    "cnn": Curve("physics-embedded CNN, full grid", "#4B0082", "h"),
+    "cnn": Curve("physics-embedded CNN, full grid", "#4B0082", "h", ring=True),
     "calibrated + offset": Curve("calibrated + constant offset", "#D55E00", "+", ":"),
     "similar + offset": Curve("similar + constant offset", "#E69F00", "+", ":"),
     "coarse bilinear": Curve("coarse + bilinear", "#8a6d1f", "1", ":"),
@@ -69,12 +70,14 @@ def _curve(axes: Any, curve: Curve, rows: Sequence[SpeedAccuracyRow], value: str
     look: dict[str, Any] = {"color": curve.color, "ls": curve.line, "lw": 0.8 if small else 1.3}
     edge = curve.color if curve.marker in "+12" else "white"
     dot: dict[str, Any] = {"marker": curve.marker, "ms": 4 if small else 5.5, "mec": edge, "mew": 0.7}
+    if curve.ring:
+        dot |= {"ms": 9.5, "mfc": "none", "mec": curve.color, "mew": 1.3}
     whole = [i for i, row in enumerate(rows) if not row.failure]  # the others are means of what survived
     axes.plot([x[i] for i in whole], [y[i] for i in whole], zorder=3, **look)
     axes.hlines(y, [r.ms_q1 for r in rows], [r.ms_q3 for r in rows], color=curve.color, lw=0.8, zorder=3)
     failed, late = {"marker": "x", "mec": curve.color}, {"mfc": "white", "mec": curve.color, "mew": 1.0}
     for row, *at in zip(rows, x, y, strict=True):
-        own = failed if row.failure else {} if row.passes else late
+        own = failed if row.failure else {} if row.passes or curve.ring else late
         axes.plot(*at, color=curve.color, zorder=4, **dot | own)
     return Line2D([], [], **look, **dot)
 
@@ -143,7 +146,8 @@ def _beside(axes: Any, rows: Sequence[SpeedAccuracyRow], oracle: Sequence[SpeedA
 NOTE = (
     "Lower left is better. Yellow: the front. Bars: quartiles of the time. Hollow: the mean height is off by over 5 % "
     "of its way. Cross: some windows failed, mean of the others. \u00d72: grid factor. Ticks at the left edge: the "
-    "exact coarse cloth, bicubic: what interpolation alone loses. Grey: below the chaos floor, errors mean nothing."
+    "exact coarse cloth, bicubic: what interpolation alone loses. Grey: below the chaos floor, errors mean nothing. "
+    "Hexagon: the CNN, to the bit the reference inside."
 )
 
 
