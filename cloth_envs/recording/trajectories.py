@@ -1,0 +1,163 @@
+"""The open file of a ``RolloutWriter``: takes whole frames, and puts them onto the disk chunk by chunk."""
+
+
+from collections.abc import Mapping
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from cloth_envs.files import cannot_write, final_path
+from cloth_envs.material import PROPERTIES, Material
+from cloth_envs.recording.image import Image, lock
+from cloth_envs.recording.layout import CLOTH, PATHS, RESET, SEEDED, lay_out
+from cloth_envs.scene import Scene
+
+CHUNK_BYTES = 2**19  # of positions or of velocities
+MOST_FRAMES = 32  # in a chunk: what a killed writer can lose
+Start = Mapping[str, np.ndarray]  # what ``get_state`` gives
+
+
+class Trajectories:
+    """Written under the name ``path``, or to ``<path>.part`` where ``path`` is to be replaced in the end.
+
+    Raises:
+        FileExistsError: the file exists and ``overwrite`` is false.
+        OSError: it can't be written, or another writer has it open; it stays as it is.
+    """
+
+    def __init__(self, path: Path, scene: Scene, actions: int, about: Mapping[str, str], *, overwrite: bool) -> None:
+        self.path, self._scene, self._actions, self._about = path, scene, actions, about
+        if path.exists() and not overwrite:
+            raise FileExistsError(f"{path} exists and stays as it is: choose another name or pass overwrite=True")
+        self._target = final_path(path)
+        self._place = self._target.with_name(self._target.name + ".part") if self._target.exists() else self._target
+        try:
+            if self._place != self._target:
+                with self._target.open("rb") as old:
+                    lock(old)
+            self._image = Image(self._place, writer=True)
+        except OSError as error:
+            raise cannot_write(path, error) from error
+        self._kept = 0  # frames that are on the disk
+        self._frames: dict[str, h5py.Dataset] = {}
+        self._rows: dict[str, list[np.ndarray]] = {}
+        self._trajectory, self._written = -1, 0
+        self._file: h5py.File | None = None
+        self.open = True
+
+    def check_open(self) -> None:
+        """Raises ValueError: the file is closed."""
+        if not self.open:
+            raise ValueError(f"{self.path} is closed: make a new recorder, with a file of its own, to record more")
+
+    def lay_out(self, dtype: np.dtype) -> dict[str, h5py.Dataset]:
+        """The datasets of frames of a cloth of ``dtype``, made when first asked for."""
+        if self._file is None:
+            vertex = 3 * dtype.itemsize
+            self._chunk = int(np.clip(CHUNK_BYTES // (vertex * self._scene.grid.vertices), 1, MOST_FRAMES))
+            with h5py.File(self._image, "w", libver=("v108", "v108")):
+                pass  # a superblock that does not mark a file as open, so that any reader takes what a writer left
+            self._file = file = h5py.File(self._image, "r+", libver="latest")
+            lay_out(file, self._scene, dtype=dtype, chunk=self._chunk, actions=self._actions, about=self._about)
+            paths = (*CLOTH["positions"], *CLOTH["velocities"], *PATHS.values(), "actions", "scalars/reward")
+            self._frames = {path: file[path] for path in paths if path in file}
+            self._image.counter = file["commits"].id.get_offset()
+        return self._frames
+
+    def begin(self, seed: int | None, material: Material, start: Start | None, *, reset: bool) -> None:
+        """Count a trajectory without frames, after ``lay_out``."""
+        assert self._file is not None
+        self._store()
+        self._trajectory, self._written = self._trajectory + 1, 0
+        count = self._trajectory + 1
+        values: dict[str, Any] = {f"scalars/{name}": getattr(material, name) for name in PROPERTIES}
+        values |= {"frames": 0, "began": RESET * reset + SEEDED * (seed is not None)}
+        for path, value in values.items():
+            self._file[path].resize((count,))
+            self._file[path][-1] = value
+        words, seeds = _words(seed or 0), self._file["seeds"]
+        seeds.resize((count, max(len(words), seeds.shape[1])))
+        seeds[-1, : len(words)] = words
+        for dataset in self._frames.values():
+            dataset.resize((count, *dataset.shape[1:]))
+        if start is not None:
+            packed = BytesIO()
+            np.savez(packed, **start)  # type: ignore[arg-type]
+            data = np.frombuffer(packed.getvalue(), np.uint8)
+            place = f"starts/{self._trajectory}"
+            self._file.create_dataset(place, data=data, chunks=data.shape, fletcher32=True).attrs["units"] = "1"
+        self._file.attrs.modify("n_trajectories", count)
+        self._commit()
+
+    def add(self, rows: Mapping[str, np.ndarray]) -> None:
+        """Keep a copy of one frame's ``rows`` by path; a full chunk goes to the disk."""
+        for path, row in rows.items():
+            self._rows.setdefault(path, []).append(np.array(row))
+        if len(self._rows["scalars/reward"]) >= self._chunk:
+            self._store()
+            self._commit()
+
+    def _store(self) -> None:
+        """Hand to HDF5 what has been gathered."""
+        if self._file is None or not self._rows:
+            return
+        begin, end = self._written, self._written + len(self._rows["scalars/reward"])
+        for path, dataset in self._frames.items():
+            dataset.resize((dataset.shape[0], max(dataset.shape[1], end), *dataset.shape[2:]))
+            dataset[self._trajectory, begin:end] = np.stack(self._rows[path])
+        self._file["frames"][self._trajectory] = end
+        self._rows, self._written = {}, end
+
+    def _commit(self) -> None:
+        assert self._file is not None
+        self._file.flush()
+        try:
+            self._image.commit()
+        except OSError as error:
+            raise self._give_up(error) from error
+        self._kept = int(self._file["frames"][:].sum())
+
+    def close(self) -> None:
+        """Write the last frames and close the file, once; a fork of the writer's process leaves it alone.
+
+        Raises:
+            OSError: it can't be written; says what is kept.
+        """
+        if not self.open or not self._image.mine:
+            return
+        self.lay_out(np.dtype(np.float32))
+        self._store()
+        assert self._file is not None
+        self._file.close()
+        try:
+            self._image.finish()
+            if self._place != self._target:
+                self._place.replace(self._target)
+        except OSError as error:
+            raise self._give_up(error) from error
+        self._image.close()
+        self.open = False
+
+    def _give_up(self, error: OSError) -> OSError:
+        """Close without another word, remove a file that holds nothing. Returns what to raise."""
+        self.open = False
+        if self._file is not None:
+            self._file.close()
+        self._image.close()
+        kept = f"{self.path} is as it was" if self._place != self._target else ""
+        if self._image.commits and self._place.exists():
+            kept = f"{self._place} keeps the {self._kept} frames flushed before" + (kept and f", {kept}")
+        else:
+            with suppress(OSError):
+                self._place.unlink()
+        return cannot_write(self.path, error, kept)
+
+
+def _words(number: int) -> np.ndarray:
+    """A whole number that is not negative, in words of 64 bits, the lowest first."""
+    length = max(1, -(-number.bit_length() // 64))
+    return np.frombuffer(number.to_bytes(8 * length, "little"), "<u8")
