@@ -18,6 +18,7 @@ from cloth_envs.scene import Scene
 
 CHUNK_BYTES = 2**19  # of positions or of velocities
 MOST_FRAMES = 32  # in a chunk: what a killed writer can lose
+Field = tuple[tuple[int, ...], np.dtype]  # shape and dtype
 Start = Mapping[str, np.ndarray]  # what ``get_state`` gives
 
 
@@ -44,6 +45,7 @@ class Trajectories:
             raise cannot_write(path, error) from error
         self._kept = 0  # frames that are on the disk
         self._frames: dict[str, h5py.Dataset] = {}
+        self.fields: dict[str, Field] = {}
         self._rows: dict[str, list[np.ndarray]] = {}
         self._trajectory, self._written = -1, 0
         self._file: h5py.File | None = None
@@ -54,8 +56,8 @@ class Trajectories:
         if not self.open:
             raise ValueError(f"{self.path} is closed: make a new recorder, with a file of its own, to record more")
 
-    def lay_out(self, dtype: np.dtype) -> dict[str, h5py.Dataset]:
-        """The datasets of frames of a cloth of ``dtype``, made when first asked for."""
+    def lay_out(self, dtype: np.dtype) -> dict[str, Field]:
+        """What a frame has, by path; made for a cloth of ``dtype`` when first asked for."""
         if self._file is None:
             vertex = 3 * dtype.itemsize
             self._chunk = int(np.clip(CHUNK_BYTES // (vertex * self._scene.grid.vertices), 1, MOST_FRAMES))
@@ -65,8 +67,9 @@ class Trajectories:
             lay_out(file, self._scene, dtype=dtype, chunk=self._chunk, actions=self._actions, about=self._about)
             paths = (*CLOTH["positions"], *CLOTH["velocities"], *PATHS.values(), "actions", "scalars/reward")
             self._frames = {path: file[path] for path in paths if path in file}
+            self.fields = {path: (dataset.shape[2:], dataset.dtype) for path, dataset in self._frames.items()}
             self._image.counter = file["commits"].id.get_offset()
-        return self._frames
+        return self.fields
 
     def begin(self, seed: int | None, material: Material, start: Start | None, *, reset: bool) -> None:
         """Count a trajectory without frames, after ``lay_out``."""
@@ -148,8 +151,9 @@ class Trajectories:
         if self._file is not None:
             self._file.close()
         self._image.close()
-        kept = f"{self.path} is as it was" if self._place != self._target else ""
-        if self._image.commits and self._place.exists():
+        beside = self._place != self._target
+        kept = f"{self.path} is as it was" if beside else ""
+        if (self._kept or (self._image.commits and not beside)) and self._place.exists():
             kept = f"{self._place} keeps the {self._kept} frames flushed before" + (kept and f", {kept}")
         else:
             with suppress(OSError):

@@ -89,26 +89,26 @@ class RolloutWriter(AbstractContextManager["RolloutWriter"]):
         self._file.check_open()
         if not self._begun:
             raise RuntimeError("call begin(seed) before the first append(state)")
-        datasets = self._file.lay_out(state.positions.dtype)
-        fields = state.arrays()
-        parts = {path: fields[name] for name, path in PATHS.items()}
+        fields = self._file.lay_out(state.positions.dtype)
+        arrays = state.arrays()
+        parts = {path: arrays[name] for name, path in PATHS.items()}
         for name, paths in CLOTH.items():
-            parts |= {path: fields[name][:, axis] for axis, path in enumerate(paths)}
+            parts |= {path: arrays[name][:, axis] for axis, path in enumerate(paths)}
         parts["scalars/reward"] = np.array([reward])
-        if "actions" in datasets:
-            length = datasets["actions"].shape[2]
-            parts["actions"] = np.zeros((1, length)) if action is None else np.asarray(action).reshape(1, -1)
-        rows = {path: parts[path] for path in datasets}
+        if "actions" in fields:
+            shape, _ = fields["actions"]
+            parts["actions"] = np.zeros((1, *shape)) if action is None else np.asarray(action).reshape(1, -1)
+        rows = {path: parts[path] for path in fields}
         for path, row in rows.items():
-            expected = (1, *datasets[path].shape[2:])
-            if row.shape != expected:
+            shape, dtype = fields[path]
+            if row.shape != (1, *shape):
                 raise ValueError(
-                    f"{path} of a frame has shape {row.shape}, this file needs {expected}: one cloth of its scene"
+                    f"{path} of a frame has shape {row.shape}, this file needs {(1, *shape)}: one cloth of its scene"
                 )
-            if not np.can_cast(row.dtype, datasets[path].dtype):
+            if not np.can_cast(row.dtype, dtype):
                 raise ValueError(
-                    f"{path} of a frame is {row.dtype}, this file holds {datasets[path].dtype} since its first "
-                    "frame: record each dtype to a file of its own"
+                    f"{path} of a frame is {row.dtype}, this file holds {dtype} since its first frame: record each "
+                    "dtype to a file of its own"
                 )
         if self._next is not None:
             self._file.begin(**self._next)
