@@ -1,11 +1,14 @@
 """Files and folders that are written: checked before anything is simulated, and replaced whole or not at all."""
 
 import errno
+import json
 import os
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile, ZipFile
 
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
@@ -58,10 +61,53 @@ def replacing(path: str | Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
+def write_bytes(path: str | Path, data: bytes) -> None:
+    """``data`` in place of what is there. Raises OSError: it can't be written; the old file stays."""
+    with replacing(path) as part:
+        part.write_bytes(data)
+
+
 def write_text(path: str | Path, text: str) -> None:
     """``text`` in UTF-8 in place of what is there. Raises OSError: it can't be written; the old file stays."""
-    with replacing(path) as part:
-        part.write_text(text, encoding="utf-8")
+    write_bytes(path, text.encode())
+
+
+def first_line(error: Exception) -> str:
+    """What an error says, short."""
+    return next(iter(str(error).strip().splitlines()), type(error).__name__)
+
+
+@contextmanager
+def reading(path: str | Path, remedy: str) -> Iterator[None]:
+    """Whatever reading a damaged file raises becomes an error that names it; one that can't be opened stays as it is.
+
+    Raises:
+        ValueError: names ``path`` and the ``remedy``.
+    """
+    try:
+        yield
+    except (FileNotFoundError, PermissionError, IsADirectoryError):
+        raise
+    except Exception as error:
+        raise ValueError(f"{path} is damaged ({first_line(error)}): {remedy}") from error
+
+
+def read_json(path: str | Path, *keys: str, remedy: str) -> dict[str, Any]:
+    """A JSON object that has ``keys``. Raises ValueError: it is none; names ``path`` and the ``remedy``."""
+    with reading(path, remedy):
+        found: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
+        missing = [key for key in keys if key not in dict(found)]
+        if missing:
+            raise ValueError(f"it has no {missing[0]!r}")
+    return found
+
+
+def check_zip(path: str | Path) -> None:
+    """That every member of a zip file (``.npz``, ``.pt``) has its checksum. Raises BadZipFile: one has not."""
+    with ZipFile(path) as archive:
+        broken = archive.testzip()
+    if broken is not None:
+        raise BadZipFile(f"{broken} does not have its checksum")
 
 
 def check_file(path: str | Path, *, suffixes: Sequence[str] = ()) -> Path:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
+from cloth_envs.files import read_json, write_text
 from cloth_envs.machine import header
 from cloth_envs.registry import SCENES
 from cloth_envs.resample import resample
@@ -121,7 +122,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="default: the shipped file of the scaling")
     options = parser.parse_args(argv)
     scaling, out = options.scaling, options.out or WEIGHTS / f"{options.scaling}.json"
-    known = json.loads(out.read_text()) if out.is_file() else {"scenes": {}}
+    known = read_json(out, "scenes", remedy="restore or remove it") if out.is_file() else {"scenes": {}}
     for scene in read_names(",".join(options.scenes), list(SCENES), "scene"):
         done = known["scenes"].setdefault(scene, {})
         wanted = [factor for factor in options.factors if str(factor) not in done]
@@ -143,7 +144,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 "truth": "explicit, float64, a quarter of the stable step",
                 **header(),
             }
-            out.write_text(json.dumps(known, indent=1) + "\n")
+            write_text(out, json.dumps(known, indent=1) + "\n")
             print(scene, factor, json.dumps(done[str(factor)]))
     return 0
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from cloth_envs.commands.measure import Comparison
 from cloth_envs.commands.tables import machine
+from cloth_envs.files import replacing
 from cloth_envs.style import COLORS, GRID, INK, MARKERS, import_figure, limits, spread
 
 WIDTH, HEIGHT = 7.2, 4.6  # inches: the width of a page
@@ -75,7 +76,8 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
     if shown:
         _label(axes, [r.entry.label for r in shown], times[:, 1], mean)
     for path in paths:
-        figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.12, facecolor="white")
+        with replacing(path) as part:
+            figure.savefig(part, dpi=200, bbox_inches="tight", pad_inches=0.12, facecolor="white")
 
 
 def _label(axes: Any, labels: list[str], x: np.ndarray, y: np.ndarray) -> None:

@@ -6,6 +6,7 @@ from typing import TypeVar
 
 import h5py
 
+from cloth_envs.files import first_line
 from cloth_envs.recording.image import Image
 
 T = TypeVar("T")
@@ -37,7 +38,7 @@ class CheckedFile:
             self._file = h5py.File(self._image, "r")
         except Exception as error:
             raise ValueError(
-                f"{self.path} is no HDF5 file or was cut short ({_line(error)}): copy or record it again"
+                f"{self.path} is no HDF5 file or was cut short ({first_line(error)}): copy or record it again"
             ) from error
 
     def _commits(self) -> int:
@@ -63,7 +64,8 @@ class CheckedFile:
                 return found
             else:
                 break
-        raise ValueError(f"{self.path} is damaged ({_line(failed)}): copy or record it again") from failed
+        told = first_line(failed or TimeoutError("its writer is faster"))
+        raise ValueError(f"{self.path} is damaged ({told}): copy or record it again") from failed
 
     def close(self) -> None:
         """Close it; again does nothing."""
@@ -71,7 +73,3 @@ class CheckedFile:
             self._file.close()
             self._image.close()
             self._file = None
-
-
-def _line(error: Exception | None) -> str:
-    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__

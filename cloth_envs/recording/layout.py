@@ -132,9 +132,7 @@ def _texts(values: list[str]) -> np.ndarray:
     return np.array(values, h5py.string_dtype())
 
 
-def _growing(
-    file: h5py.File, path: str, chunk: tuple[int, ...], kind: Any, fill: float, *, time: bool = False
-) -> None:
+def _growing(file: h5py.File, path: str, chunk: tuple[int, ...], kind: Any, fill: float, *, time: bool = False) -> None:
     """A dataset of no trajectories; ``chunk`` is the shape that is kept together of one of them, in ``time`` or not."""
     chunks = (1, *chunk) if time else (SMALL_CHUNK, *chunk)
     empty = (0, 0, *chunk[1:]) if time else (0, *chunk)

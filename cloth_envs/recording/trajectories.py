@@ -1,6 +1,5 @@
 """The open file of a ``RolloutWriter``: takes whole frames, and puts them onto the disk chunk by chunk."""
 
-
 from collections.abc import Mapping
 from contextlib import suppress
 from io import BytesIO
