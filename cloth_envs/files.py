@@ -21,7 +21,11 @@ def cannot_write(path: str | Path, error: OSError, kept: str = "") -> OSError:
     elif error.errno in FULL:
         advice = "free some space, or choose a path on another disk"
     elif Path(path).exists() and not Path(path).is_file():
-        advice = "it is no ordinary file, choose a path that is none or one"
+        advice = "choose a path that is no folder and no device"
+    elif error.errno in (errno.EAGAIN, errno.EBUSY):
+        advice = "let that end first, or choose another path"
+    elif error.errno == errno.ENOENT:
+        advice = "start again, and leave the file where it is"
     else:
         advice = "choose a path that you may write"
     told = OSError(f"can't write {path} ({error.strerror or error}): {advice}{kept and f'; {kept}'}")

@@ -17,6 +17,7 @@ class CheckedFile:
     """``path`` opened for reading; ``read`` gives what no writer has touched meanwhile, or ValueError.
 
     Raises:
+        PermissionError: it may not be read.
         ValueError: no HDF5 file, or cut short.
     """
 
@@ -36,6 +37,8 @@ class CheckedFile:
             self._image = Image(self.path)
             self._seen = self._commits()
             self._file = h5py.File(self._image, "r")
+        except PermissionError:
+            raise
         except Exception as error:
             raise ValueError(
                 f"{self.path} is no HDF5 file or was cut short ({first_line(error)}): copy or record it again"

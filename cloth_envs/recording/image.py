@@ -38,6 +38,7 @@ class Image(io.RawIOBase):
         self._disk = path.open(("r+b" if path.exists() else "x+b") if writer else "rb", buffering=0)
         self._changes: list[tuple[int, bytes]] = []  # what the disk does not have, in order
         self._at = self._size = self._end = 0
+        self.failed: OSError | None = None  # what a read met, of which HDF5 must not know
         if writer:
             try:
                 lock(self._disk)
@@ -83,10 +84,12 @@ class Image(io.RawIOBase):
             OSError: it can't be; nothing of it counts.
         """
         if not self.mine:
-            raise OSError(errno.EPERM, "opened by another process, of which this is a fork")
+            raise OSError(errno.EBUSY, "the process that this is a fork of has it open")
         old = [(at, data) for at, data in self._changes if at < self._end]
         new = [(at, data) for at, data in self._changes if at >= self._end]
         last = max(self._end, self._size)
+        if self.failed is not None:
+            raise self.failed
         try:
             if not _same(self._disk, self.path):
                 raise FileNotFoundError(errno.ENOENT, "it was removed or replaced meanwhile")
@@ -133,7 +136,12 @@ class Image(io.RawIOBase):
 
     def readinto(self, buffer: Any) -> int:
         out, begin = memoryview(buffer).cast("B"), self._at
-        found = self._from_disk(begin, len(out))
+        try:
+            found = self._from_disk(begin, len(out))
+        except OSError as error:
+            if not self._writer:
+                raise
+            found, self.failed = b"", error
         out[: len(found)] = found
         out[len(found) :] = bytes(len(out) - len(found))
         for at, data in self._changes:

@@ -1,7 +1,7 @@
 """The open file of a ``RolloutWriter``: takes whole frames, and puts them onto the disk chunk by chunk."""
 
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ class Trajectories:
 
     def __init__(self, path: Path, scene: Scene, actions: int, about: Mapping[str, str], *, overwrite: bool) -> None:
         self.path, self._scene, self._actions, self._about = path, scene, actions, about
-        if path.exists() and not overwrite:
+        if path.is_file() and not overwrite:
             raise FileExistsError(f"{path} exists and stays as it is: choose another name or pass overwrite=True")
         self._target = final_path(path)
         self._place = self._target.with_name(self._target.name + ".part") if self._target.exists() else self._target
@@ -71,17 +71,23 @@ class Trajectories:
         return self.fields
 
     def begin(self, seed: int | None, material: Material, start: Start | None, *, reset: bool) -> None:
-        """Count a trajectory without frames, after ``lay_out``."""
-        assert self._file is not None
-        self._store()
+        """Count a trajectory without frames, after ``lay_out``. Raises OSError: it can't be written."""
+        with self._disk() as file:
+            self._store(file)
+            self._add_trajectory(file, seed, material, start, reset)
+            self._commit(file)
+
+    def _add_trajectory(
+        self, file: h5py.File, seed: int | None, material: Material, start: Start | None, reset: bool
+    ) -> None:
         self._trajectory, self._written = self._trajectory + 1, 0
         count = self._trajectory + 1
         values: dict[str, Any] = {f"scalars/{name}": getattr(material, name) for name in PROPERTIES}
         values |= {"frames": 0, "began": RESET * reset + SEEDED * (seed is not None)}
         for path, value in values.items():
-            self._file[path].resize((count,))
-            self._file[path][-1] = value
-        words, seeds = _words(seed or 0), self._file["seeds"]
+            file[path].resize((count,))
+            file[path][-1] = value
+        words, seeds = _words(seed or 0), file["seeds"]
         seeds.resize((count, max(len(words), seeds.shape[1])))
         seeds[-1, : len(words)] = words
         for dataset in self._frames.values():
@@ -91,37 +97,44 @@ class Trajectories:
             np.savez(packed, **start)  # type: ignore[arg-type]
             data = np.frombuffer(packed.getvalue(), np.uint8)
             place = f"starts/{self._trajectory}"
-            self._file.create_dataset(place, data=data, chunks=data.shape, fletcher32=True).attrs["units"] = "1"
-        self._file.attrs.modify("n_trajectories", count)
-        self._commit()
+            file.create_dataset(place, data=data, chunks=data.shape, fletcher32=True).attrs["units"] = "1"
+        file.attrs.modify("n_trajectories", count)
 
     def add(self, rows: Mapping[str, np.ndarray]) -> None:
-        """Keep a copy of one frame's ``rows`` by path; a full chunk goes to the disk."""
+        """Keep a copy of one frame's ``rows`` by path; a full chunk goes to the disk. Raises OSError: it can't."""
         for path, row in rows.items():
             self._rows.setdefault(path, []).append(np.array(row))
         if len(self._rows["scalars/reward"]) >= self._chunk:
-            self._store()
-            self._commit()
+            with self._disk() as file:
+                self._store(file)
+                self._commit(file)
 
-    def _store(self) -> None:
+    def _store(self, file: h5py.File) -> None:
         """Hand to HDF5 what has been gathered."""
-        if self._file is None or not self._rows:
+        if not self._rows:
             return
         begin, end = self._written, self._written + len(self._rows["scalars/reward"])
         for path, dataset in self._frames.items():
             dataset.resize((dataset.shape[0], max(dataset.shape[1], end), *dataset.shape[2:]))
             dataset[self._trajectory, begin:end] = np.stack(self._rows[path])
-        self._file["frames"][self._trajectory] = end
+        file["frames"][self._trajectory] = end
         self._rows, self._written = {}, end
 
-    def _commit(self) -> None:
-        assert self._file is not None
-        self._file.flush()
+    def _commit(self, file: h5py.File) -> None:
+        file.flush()
+        self._image.commit()
+        self._kept = int(file["frames"][:].sum())
+
+    @contextmanager
+    def _disk(self) -> Iterator[h5py.File]:
+        """The file, which is given up when the disk fails. Raises OSError: says what is kept."""
         try:
-            self._image.commit()
-        except OSError as error:
-            raise self._give_up(error) from error
-        self._kept = int(self._file["frames"][:].sum())
+            yield self._file
+        except (OSError, RuntimeError, KeyError) as error:
+            cause = self._image.failed or error  # HDF5 tells what it made of it
+            if not isinstance(cause, OSError):
+                raise
+            raise self._give_up(cause) from error
 
     def close(self) -> None:
         """Write the last frames and close the file, once; a fork of the writer's process leaves it alone.
@@ -132,29 +145,28 @@ class Trajectories:
         if not self.open or not self._image.mine:
             return
         self.lay_out(np.dtype(np.float32))
-        self._store()
-        assert self._file is not None
-        self._file.close()
-        try:
+        with self._disk() as file:
+            self._store(file)
+            file.close()
             self._image.finish()
             if self._place != self._target:
                 self._place.replace(self._target)
-        except OSError as error:
-            raise self._give_up(error) from error
-        self._image.close()
+            self._image.close()
         self.open = False
 
     def _give_up(self, error: OSError) -> OSError:
         """Close without another word, remove a file that holds nothing. Returns what to raise."""
         self.open = False
-        if self._file is not None:
-            self._file.close()
-        self._image.close()
+        with suppress(OSError, RuntimeError, KeyError):
+            if self._file is not None:
+                self._file.close()
+        with suppress(OSError):
+            self._image.close()
         beside = self._place != self._target
         kept = f"{self.path} is as it was" if beside else ""
         if (self._kept or (self._image.commits and not beside)) and self._place.exists():
             kept = f"{self._place} keeps the {self._kept} frames flushed before" + (kept and f", {kept}")
-        else:
+        elif self._image.mine:
             with suppress(OSError):
                 self._place.unlink()
         return cannot_write(self.path, error, kept)
