@@ -32,6 +32,7 @@ class World:
 
     Attributes:
         controls: what the last ``step`` gave to the backend; None before the first.
+        rewards: what it returned, ``(B,)``.
 
     Raises:
         ValueError: unknown scene, preset, backend, fabric, property or observation (the nearest match is
@@ -85,6 +86,7 @@ class World:
         self.frames = np.zeros(num_envs, np.int64)
         self._episode: Episode | None = None
         self.controls: Controls | None = None
+        self.rewards = np.zeros(num_envs)
 
         n, k = len(self.task.keypoints), len(self.task.extras)
         bounds = [POSITION_BOUND, VELOCITY_BOUND, self.task.extras_bound]
@@ -196,6 +198,7 @@ class World:
         rewards = self.task.reward(episode)
         if failed:
             rewards[failed] = 0.0
+        self.rewards = rewards
         return rewards, reasons
 
     def observe(self) -> Any:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from cloth_envs.files import check_folder
+from cloth_envs.files import check_folder, read_json, write_text
 from cloth_envs.machine import header
 from cloth_envs.parsing import Parser
 from cloth_envs.progress import progress
@@ -128,7 +128,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     scenes = read_names(",".join(options.scenes), list(SCENES), "scene")
     fits = f"at factors {', '.join(map(str, options.factors))}, {options.evaluations} evaluations a fit"
     plan(scaling, f"{', '.join(scenes)} {fits}", out, cache_folder("truth"))
-    known = json.loads(out.read_text()) if out.is_file() else {"scenes": {}}
+    known = read_json(out, "scenes", remedy="restore or remove it") if out.is_file() else {"scenes": {}}
     for scene in scenes:
         done = known["scenes"].setdefault(scene, {})
         wanted = [factor for factor in options.factors if str(factor) not in done]
@@ -150,7 +150,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 "truth": "explicit, float64, a quarter of the stable step",
                 **header(),
             }
-            out.write_text(json.dumps(known, indent=1) + "\n")
+            write_text(out, json.dumps(known, indent=1) + "\n")
             print("wrote", out, scene, factor, json.dumps(done[str(factor)]))
     return 0
 
