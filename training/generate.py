@@ -132,9 +132,9 @@ def write_shard(plan: Plan, folder: Path, index: int) -> None:
     positions = np.concatenate([state.positions for state in run.states.values()])
     content = BytesIO()  # HDF5 can't stand a full disk
     with h5py.File(content, "w", libver="latest") as file:
-        file.create_dataset("positions", data=positions, fletcher32=True)
-        for factor in plan.factors:
-            file.create_dataset(f"real/{factor}", data=miniature_runs(plan, run, factor), fletcher32=True)
+        arrays = {"positions": positions} | {f"real/{n}": miniature_runs(plan, run, n) for n in plan.factors}
+        for name, array in arrays.items():
+            file.create_dataset(name, data=array, chunks=array.shape, fletcher32=True)
         sha256 = hashlib.sha256(positions.tobytes()).hexdigest()
         file.attrs.update(plan=plan.text(), index=index, sha256=sha256, **asdict(own))
     write_bytes(path, content.getvalue())
