@@ -33,6 +33,7 @@ class World:
     Attributes:
         controls: what the last ``step`` gave to the backend; None before the first.
         rewards: what it returned, ``(B,)``.
+        physics: the backend and its options in a line, whatever the threads.
 
     Raises:
         ValueError: unknown scene, preset, backend, fabric, property or observation (the nearest match is
@@ -78,7 +79,7 @@ class World:
         warn_unusual(material, self.ranges)
         self._identity = identity(task_class, self.scene)
         own = {name: value for name, value in chosen.items() if name != "threads"}
-        self._physics = f"{backend} {json.dumps(own, sort_keys=True, default=repr)}"
+        self.physics = backend + (f"={json.dumps(own, sort_keys=True, default=repr)}" if own else "")
         self.num_envs, self.obs = num_envs, obs
         self.failures = Failures(self.scene, self.task.max_strain)
         self.rngs: list[np.random.Generator | None] = [None] * num_envs
@@ -102,6 +103,9 @@ class World:
             limits = {"mesh": mesh, "task": bound[-k:]}
             self.observation_space = spaces.Dict({n: spaces.Box(-b, b, dtype=np.float32) for n, b in limits.items()})
 
+    def __repr__(self) -> str:
+        return f"<World of {self.num_envs} x {self.scene.name}, {self.scene.grid.rows}x{self.scene.grid.cols} vertices>"
+
     def _check_material(self, material: Material) -> None:
         """Refuse what the backend can't step, where it says so. Raises ValueError: see ``Backend.check_material``."""
         check = getattr(self.backend, "check_material", None)
@@ -117,6 +121,11 @@ class World:
                 self._check_material(self.scene.material.with_changes(**changes))
             except ValueError as error:
                 raise ValueError(f"randomize allows {changes}, which can't be stepped: {error}") from error
+
+    @property
+    def begun(self) -> bool:
+        """Whether there is a cloth yet."""
+        return self._episode is not None
 
     @property
     def episode(self) -> Episode:
@@ -220,7 +229,7 @@ class World:
         """See ``ClothEnv.get_state``."""
         memory, own = self.episode.memory, self.backend.memory
         saved = Snapshot(self.state, memory, own, self.frames, self.materials, self.rngs).arrays()
-        return saved | {"scene": np.array(self._identity), "backend": np.array(self._physics)}
+        return saved | {"scene": np.array(self._identity), "backend": np.array(self.physics)}
 
     def set_state(self, saved: Mapping[str, np.ndarray]) -> None:
         """Continue from what ``get_state`` gave, bit for bit on the same backend.
@@ -232,7 +241,7 @@ class World:
             ValueError: something is missing, not finite or of another shape, the state belongs to another scene,
                 preset, resolution or number of environments, or its material can't be stepped; nothing has changed.
         """
-        begun = self._episode is not None
+        begun = self.begun
         if not begun:  # what a state must hold is told by one
             self.reset({i: np.random.default_rng(0) for i in range(self.num_envs)})
         try:
@@ -250,7 +259,7 @@ class World:
 
     def __getstate__(self) -> dict[str, Any]:
         """What makes it again, since a backend need not know how to copy itself: arguments and state."""
-        begun = self._episode is not None
+        begun = self.begun
         named = BACKENDS.get(self._arguments["backend"])
         return {
             "arguments": self._arguments,
@@ -276,7 +285,7 @@ class World:
         parts = dict(saved)
         check_scene(parts.pop("scene", None), self._identity)
         own = {name: value.shape for name, value in self.backend.memory.items()}
-        same = str(parts.pop("backend", None)) == self._physics
+        same = str(parts.pop("backend", None)) == self.physics
         snapshot = read(parts, shapes(self.scene, self.num_envs, self.episode.memory), own)
         if same and len(snapshot.own) < len(own):
             raise ValueError(f"this state lacks what the backend remembers ({', '.join(own)}), or it has other shapes")
