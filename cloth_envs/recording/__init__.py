@@ -1,4 +1,4 @@
-"""Rollouts on disk: HDF5 as The Well reads it (Ohana et al. 2024), readable after a killed writer, replayable bit for bit.
+"""Rollouts on disk: HDF5 as The Well reads it (Ohana et al. 2024), safe from killed writers, replayed bit for bit.
 
 Layout, version 3; N trajectories of at most T frames on an H x W grid, A actions, C bodies::
 

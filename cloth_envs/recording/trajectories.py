@@ -1,5 +1,6 @@
 """The open file of a ``RolloutWriter``: takes whole frames, and puts them onto the disk chunk by chunk."""
 
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from io import BytesIO
@@ -42,7 +43,7 @@ class Trajectories:
             self._image = Image(self._place, writer=True)
         except OSError as error:
             raise cannot_write(path, error) from error
-        self._kept = 0  # frames that are on the disk
+        self._stored = self._kept = 0  # frames that HDF5 has, and those that are on the disk
         self._frames: dict[str, h5py.Dataset] = {}
         self.fields: dict[str, Field] = {}
         self._rows: dict[str, list[np.ndarray]] = {}
@@ -118,12 +119,13 @@ class Trajectories:
             dataset.resize((dataset.shape[0], max(dataset.shape[1], end), *dataset.shape[2:]))
             dataset[self._trajectory, begin:end] = np.stack(self._rows[path])
         file["frames"][self._trajectory] = end
+        self._stored += end - begin
         self._rows, self._written = {}, end
 
     def _commit(self, file: h5py.File) -> None:
         file.flush()
         self._image.commit()
-        self._kept = int(file["frames"][:].sum())
+        self._kept = self._stored
 
     @contextmanager
     def _disk(self) -> Iterator[h5py.File]:
@@ -150,6 +152,7 @@ class Trajectories:
             file.close()
             self._image.finish()
             if self._place != self._target:
+                shutil.copymode(self._target, self._place)
                 self._place.replace(self._target)
             self._image.close()
         self.open = False
