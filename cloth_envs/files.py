@@ -14,6 +14,10 @@ from zipfile import BadZipFile, ZipFile
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
+class WriteError(OSError):
+    """An ``OSError`` that says all that there is to say."""
+
+
 def cannot_write(path: str | Path, error: OSError, kept: str = "") -> OSError:
     """An ``OSError`` that says why ``path`` can't be written, what to do, and what is ``kept`` all the same."""
     folder = Path(path).absolute().parent
@@ -29,7 +33,7 @@ def cannot_write(path: str | Path, error: OSError, kept: str = "") -> OSError:
         advice = "start again, and leave the file where it is"
     else:
         advice = "choose a path that you may write"
-    told = OSError(f"can't write {path} ({error.strerror or error}): {advice}{kept and f'; {kept}'}")
+    told = WriteError(f"can't write {path} ({error.strerror or error}): {advice}{kept and f'; {kept}'}")
     told.errno = error.errno
     return told
 
@@ -62,6 +66,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
         if target.exists():
             shutil.copymode(target, part)
         part.replace(target)
+    except WriteError:  # of another file, on the way
+        raise
     except OSError as error:
         raise cannot_write(path, error) from error
     finally:
