@@ -256,7 +256,8 @@ for name, job in jobs.items():
         job()
         print(name, "was written")
     except OSError as error:
-        print(name in str(error) and "File too large" in str(error) and "free some space" in str(error), name, error)
+        told = str(error)
+        print(told.count("can't write") == 1 and f"{name} (File too large): free some space" in told, name, told)
 print(os.listdir(folder))
 """
 
