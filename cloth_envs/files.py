@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -11,6 +12,10 @@ from typing import Any
 from zipfile import BadZipFile, ZipFile
 
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+
+
+class WriteError(OSError):
+    """An ``OSError`` that says all that there is to say."""
 
 
 def cannot_write(path: str | Path, error: OSError, kept: str = "") -> OSError:
@@ -28,7 +33,7 @@ def cannot_write(path: str | Path, error: OSError, kept: str = "") -> OSError:
         advice = "start again, and leave the file where it is"
     else:
         advice = "choose a path that you may write"
-    told = OSError(f"can't write {path} ({error.strerror or error}): {advice}{kept and f'; {kept}'}")
+    told = WriteError(f"can't write {path} ({error.strerror or error}): {advice}{kept and f'; {kept}'}")
     told.errno = error.errno
     return told
 
@@ -58,7 +63,11 @@ def replacing(path: str | Path) -> Iterator[Path]:
         yield part
         with part.open("r+b") as file:
             os.fsync(file.fileno())
+        if target.exists():
+            shutil.copymode(target, part)
         part.replace(target)
+    except WriteError:  # of another file, on the way
+        raise
     except OSError as error:
         raise cannot_write(path, error) from error
     finally:

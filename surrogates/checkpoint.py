@@ -11,7 +11,7 @@ import numpy as np
 from safetensors.numpy import load as parse
 from safetensors.numpy import save as serialise
 
-from cloth_envs.files import check_folder, read_json, replacing
+from cloth_envs.files import check_folder, read_json, replacing, write_text
 from cloth_envs.naming import unknown_name
 
 WEIGHTS = Path(__file__).parent / "weights"
@@ -37,9 +37,9 @@ def save(name: str, arrays: Mapping[str, np.ndarray], card: Mapping[str, Any], f
     path = folder / f"{name}.safetensors"
     data = serialise({key: np.ascontiguousarray(value) for key, value in arrays.items()})
     text = json.dumps({"sha256": hashlib.sha256(data).hexdigest(), **card}, indent=1) + "\n"
-    with replacing(path) as weights, replacing(path.with_suffix(".json")) as beside:
+    with replacing(path) as weights:
         weights.write_bytes(data)
-        beside.write_bytes(text.encode())
+        write_text(path.with_suffix(".json"), text)
     return path
 
 

@@ -37,8 +37,8 @@ class RecordRollout(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructor
         start = cloth.get_state()
         material = Material(**dict(zip(PROPERTIES, start["materials"][0].tolist(), strict=True)))
         self.writer.begin(seed, material, start, reset=reset)
+        self.writer.append(cloth.world.state)
         self._last = cloth.world.state
-        self.writer.append(self._last)
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         self.writer.check_open()

@@ -1,5 +1,6 @@
 """The open file of a ``RolloutWriter``: takes whole frames, and puts them onto the disk chunk by chunk."""
 
+import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from io import BytesIO
@@ -42,8 +43,9 @@ class Trajectories:
             self._image = Image(self._place, writer=True)
         except OSError as error:
             raise cannot_write(path, error) from error
-        self._kept = 0  # frames that are on the disk
-        self._frames: dict[str, h5py.Dataset] = {}
+        self._stored = self._kept = 0  # frames that HDF5 has, and those that are on the disk
+        self._frames: dict[str, h5py.Dataset] = {}  # a value a frame
+        self._columns: dict[str, h5py.Dataset] = {}  # a value a trajectory
         self.fields: dict[str, Field] = {}
         self._rows: dict[str, list[np.ndarray]] = {}
         self._trajectory, self._written = -1, 0
@@ -66,6 +68,8 @@ class Trajectories:
             lay_out(file, self._scene, dtype=dtype, chunk=self._chunk, actions=self._actions, about=self._about)
             paths = (*CLOTH["positions"], *CLOTH["velocities"], *PATHS.values(), "actions", "scalars/reward")
             self._frames = {path: file[path] for path in paths if path in file}
+            columns = (*(f"scalars/{name}" for name in PROPERTIES), "seeds", "began", "frames")
+            self._columns = {path: file[path] for path in columns}
             self.fields = {path: (dataset.shape[2:], dataset.dtype) for path, dataset in self._frames.items()}
             self._image.counter = file["commits"].id.get_offset()
         return self.fields
@@ -73,7 +77,7 @@ class Trajectories:
     def begin(self, seed: int | None, material: Material, start: Start | None, *, reset: bool) -> None:
         """Count a trajectory without frames, after ``lay_out``. Raises OSError: it can't be written."""
         with self._disk() as file:
-            self._store(file)
+            self._store()
             self._add_trajectory(file, seed, material, start, reset)
             self._commit(file)
 
@@ -85,9 +89,9 @@ class Trajectories:
         values: dict[str, Any] = {f"scalars/{name}": getattr(material, name) for name in PROPERTIES}
         values |= {"frames": 0, "began": RESET * reset + SEEDED * (seed is not None)}
         for path, value in values.items():
-            file[path].resize((count,))
-            file[path][-1] = value
-        words, seeds = _words(seed or 0), file["seeds"]
+            self._columns[path].resize((count,))
+            self._columns[path][-1] = value
+        words, seeds = _words(seed or 0), self._columns["seeds"]
         seeds.resize((count, max(len(words), seeds.shape[1])))
         seeds[-1, : len(words)] = words
         for dataset in self._frames.values():
@@ -106,10 +110,10 @@ class Trajectories:
             self._rows.setdefault(path, []).append(np.array(row))
         if len(self._rows["scalars/reward"]) >= self._chunk:
             with self._disk() as file:
-                self._store(file)
+                self._store()
                 self._commit(file)
 
-    def _store(self, file: h5py.File) -> None:
+    def _store(self) -> None:
         """Hand to HDF5 what has been gathered."""
         if not self._rows:
             return
@@ -117,13 +121,14 @@ class Trajectories:
         for path, dataset in self._frames.items():
             dataset.resize((dataset.shape[0], max(dataset.shape[1], end), *dataset.shape[2:]))
             dataset[self._trajectory, begin:end] = np.stack(self._rows[path])
-        file["frames"][self._trajectory] = end
+        self._columns["frames"][self._trajectory] = end
+        self._stored += end - begin
         self._rows, self._written = {}, end
 
     def _commit(self, file: h5py.File) -> None:
         file.flush()
         self._image.commit()
-        self._kept = int(file["frames"][:].sum())
+        self._kept = self._stored
 
     @contextmanager
     def _disk(self) -> Iterator[h5py.File]:
@@ -146,10 +151,11 @@ class Trajectories:
             return
         self.lay_out(np.dtype(np.float32))
         with self._disk() as file:
-            self._store(file)
+            self._store()
             file.close()
             self._image.finish()
             if self._place != self._target:
+                shutil.copymode(self._target, self._place)
                 self._place.replace(self._target)
             self._image.close()
         self.open = False
