@@ -45,6 +45,13 @@ def as_items(value: Any) -> list[Any] | None:
     return list(value) if isinstance(value, Sequence) and not isinstance(value, (str, bytes)) else None
 
 
+def as_plain(value: Any) -> Any:
+    """``value``, and what a dict holds, with NumPy's numbers as Python's own; arrays stay."""
+    if isinstance(value, Mapping):
+        return {name: as_plain(item) for name, item in value.items()}
+    return value.item() if isinstance(value, np.generic) else value
+
+
 def whole_number(name: str, value: object, least: int = 1) -> int:
     """``value`` as an int. Raises ValueError: not a whole number of at least ``least``."""
     found = as_whole(value)

@@ -1,15 +1,117 @@
-"""Files and folders that are going to be written: checked before anything is simulated."""
+"""Files and folders that are written: checked before anything is simulated, and replaced whole or not at all."""
 
+import errno
+import json
+import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile, ZipFile
+
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
-def cannot_write(path: Path, error: OSError) -> OSError:
-    """An ``OSError`` that says why ``path`` can't be written and what to do."""
-    folder = path.absolute().parent
-    advice = "choose a path that you may write" if folder.is_dir() else f"create the folder {folder} first"
-    return OSError(f"can't write {path} ({error.strerror or error}): {advice}")
+def cannot_write(path: str | Path, error: OSError, kept: str = "") -> OSError:
+    """An ``OSError`` that says why ``path`` can't be written, what to do, and what is ``kept`` all the same."""
+    folder = Path(path).absolute().parent
+    if not folder.is_dir():
+        advice = f"create the folder {folder} first"
+    elif error.errno in FULL:
+        advice = "free some space, or choose a path on another disk"
+    elif Path(path).exists() and not Path(path).is_file():
+        advice = "choose a path that is no folder and no device"
+    elif error.errno in (errno.EAGAIN, errno.EBUSY):
+        advice = "let that end first, or choose another path"
+    elif error.errno == errno.ENOENT:
+        advice = "start again, and leave the file where it is"
+    else:
+        advice = "choose a path that you may write"
+    told = OSError(f"can't write {path} ({error.strerror or error}): {advice}{kept and f'; {kept}'}")
+    told.errno = error.errno
+    return told
+
+
+def final_path(path: str | Path) -> Path:
+    """Where what is written to ``path`` ends up: links followed. Raises OSError: a folder, a device, or read-only."""
+    target = Path(os.path.realpath(path))
+    if target.exists() and not target.is_file():
+        raise cannot_write(path, OSError(errno.EINVAL, "a folder" if target.is_dir() else "a device"))
+    if target.exists() and not os.access(target, os.W_OK):
+        raise cannot_write(path, PermissionError(errno.EACCES, "read-only"))
+    return target
+
+
+@contextmanager
+def replacing(path: str | Path) -> Iterator[Path]:
+    """A path beside ``path`` to write to; what is there when the block ends takes the place of ``path``.
+
+    Whatever fails in between, ``path`` stays as it was and nothing is left beside it.
+
+    Raises:
+        OSError: it can't be written; names ``path`` and says why.
+    """
+    target = final_path(path)
+    part = target.with_name(f"{target.stem}.{os.getpid()}.part{target.suffix}")
+    try:
+        yield part
+        with part.open("r+b") as file:
+            os.fsync(file.fileno())
+        part.replace(target)
+    except OSError as error:
+        raise cannot_write(path, error) from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_bytes(path: str | Path, data: bytes) -> None:
+    """``data`` in place of what is there. Raises OSError: it can't be written; the old file stays."""
+    with replacing(path) as part:
+        part.write_bytes(data)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """``text`` in UTF-8 in place of what is there. Raises OSError: it can't be written; the old file stays."""
+    write_bytes(path, text.encode())
+
+
+def first_line(error: Exception) -> str:
+    """What an error says, short."""
+    return next(iter(str(error).strip().splitlines()), type(error).__name__)
+
+
+@contextmanager
+def reading(path: str | Path, remedy: str) -> Iterator[None]:
+    """Whatever reading a damaged file raises becomes an error that names it; one that can't be opened stays as it is.
+
+    Raises:
+        ValueError: names ``path`` and the ``remedy``.
+    """
+    try:
+        yield
+    except (FileNotFoundError, PermissionError, IsADirectoryError):
+        raise
+    except Exception as error:
+        raise ValueError(f"{path} is damaged ({first_line(error)}): {remedy}") from error
+
+
+def read_json(path: str | Path, *keys: str, remedy: str) -> dict[str, Any]:
+    """A JSON object that has ``keys``. Raises ValueError: it is none; names ``path`` and the ``remedy``."""
+    with reading(path, remedy):
+        found: dict[str, Any] = json.loads(Path(path).read_text(encoding="utf-8"))
+        missing = [key for key in keys if key not in dict(found)]
+        if missing:
+            raise ValueError(f"it has no {missing[0]!r}")
+    return found
+
+
+def check_zip(path: str | Path) -> None:
+    """That every member of a zip file (``.npz``, ``.pt``) has its checksum. Raises BadZipFile: one has not."""
+    with ZipFile(path) as archive:
+        broken = archive.testzip()
+    if broken is not None:
+        raise BadZipFile(f"{broken} does not have its checksum")
 
 
 def check_file(path: str | Path, *, suffixes: Sequence[str] = ()) -> Path:
@@ -17,6 +119,7 @@ def check_file(path: str | Path, *, suffixes: Sequence[str] = ()) -> Path:
     path = Path(path)
     if suffixes and path.suffix.lower() not in suffixes:
         raise ValueError(f"{path} must end in {' or '.join(suffixes)}")
+    final_path(path)
     existed = path.exists()
     try:
         with path.open("ab"):

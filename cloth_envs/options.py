@@ -1,6 +1,7 @@
 """Keywords that no environment takes: what was meant, and where it is written."""
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any
 
 from cloth_envs.backend import keywords
@@ -58,8 +59,11 @@ def _owner(name: str, given: Mapping[str, Any]) -> dict[str, Any] | None:
     kwargs = {**(own if isinstance(own, Mapping) else {}), name: given[name]}
     names = [chosen, *BACKENDS] if isinstance(chosen, str) else list(BACKENDS)
     for backend in names:
-        if name in keywords(load_backend(backend)):
-            return {} | ({"backend": backend} if backend != "reference" else {}) | {"backend_kwargs": kwargs}
+        takes: list[str] = []
+        with suppress(ValueError, ImportError):  # a backend of somebody else's that can't be loaded says so when chosen
+            takes = keywords(load_backend(backend))
+        if name in takes:
+            return ({"backend": backend} if backend != "reference" else {}) | {"backend_kwargs": kwargs}
     for solver, path in SOLVERS.items():
         if name in keywords(resolve(path)):
             choice = {} if solver == "explicit" else {"solver": solver}

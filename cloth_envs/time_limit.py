@@ -18,9 +18,10 @@ class TimeLimits:
         """Remember the wrappers through which the running ``reset`` of ``env`` was called."""
         self._known, frame = [], sys._getframe(1)
         while frame is not None:
-            caller = frame.f_locals.get("self")
-            if isinstance(caller, TimeLimit) and caller.unwrapped is env and caller not in self._now():
-                self._known.append(weakref.ref(caller))
+            if frame.f_code is TimeLimit.reset.__code__:  # the locals of others would live on in their frames
+                caller = frame.f_locals["self"]
+                if caller.unwrapped is env:
+                    self._known.append(weakref.ref(caller))
             frame = frame.f_back  # type: ignore[assignment]
 
     def move(self, before: int, after: int) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from cloth_envs.arguments import one_of, read_actions
+from cloth_envs.arguments import as_plain, one_of, read_actions
 from cloth_envs.failure import Failures
 from cloth_envs.grid import check_resolution
 from cloth_envs.material import Material, as_material, check_ranges, warn_unusual
@@ -32,6 +32,7 @@ class World:
 
     Attributes:
         controls: what the last ``step`` gave to the backend; None before the first.
+        rewards: what it returned, ``(B,)``.
 
     Raises:
         ValueError: unknown scene, preset, backend, fabric, property or observation (the nearest match is
@@ -69,7 +70,7 @@ class World:
         shape = check_resolution(resolution, task_class.resolution)
         self.task: Task = task_class(task_class.make_scene(resolution=shape, material=base))
         self.scene = self.task.scene
-        chosen = {} if backend_kwargs is None else backend_kwargs
+        chosen = as_plain({} if backend_kwargs is None else backend_kwargs)
         if backend == "reference" and isinstance(chosen, Mapping) and "solver" not in chosen:
             chosen = {**solver_of(preset), **chosen}
         self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=chosen)
@@ -85,6 +86,7 @@ class World:
         self.frames = np.zeros(num_envs, np.int64)
         self._episode: Episode | None = None
         self.controls: Controls | None = None
+        self.rewards = np.zeros(num_envs)
 
         n, k = len(self.task.keypoints), len(self.task.extras)
         bounds = [POSITION_BOUND, VELOCITY_BOUND, self.task.extras_bound]
@@ -196,6 +198,7 @@ class World:
         rewards = self.task.reward(episode)
         if failed:
             rewards[failed] = 0.0
+        self.rewards = rewards
         return rewards, reasons
 
     def observe(self) -> Any:

@@ -11,6 +11,7 @@ import numpy as np
 from safetensors.numpy import load as parse
 from safetensors.numpy import save as serialise
 
+from cloth_envs.files import check_folder, read_json, replacing
 from cloth_envs.naming import unknown_name
 
 WEIGHTS = Path(__file__).parent / "weights"
@@ -28,15 +29,18 @@ def save(name: str, arrays: Mapping[str, np.ndarray], card: Mapping[str, Any], f
 
     Returns:
         The path of the weights.
+
+    Raises:
+        OSError: they can't be written; names the file.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    check_folder(folder)
+    path = folder / f"{name}.safetensors"
     data = serialise({key: np.ascontiguousarray(value) for key, value in arrays.items()})
     text = json.dumps({"sha256": hashlib.sha256(data).hexdigest(), **card}, indent=1) + "\n"
-    for suffix, content in ((".safetensors", data), (".json", text.encode())):
-        part = folder / f"{name}{suffix}.part"
-        part.write_bytes(content)
-        part.replace(folder / f"{name}{suffix}")
-    return folder / f"{name}.safetensors"
+    with replacing(path) as weights, replacing(path.with_suffix(".json")) as beside:
+        weights.write_bytes(data)
+        beside.write_bytes(text.encode())
+    return path
 
 
 @cache
@@ -44,12 +48,15 @@ def load(name: str, folder: Path = WEIGHTS) -> Checkpoint:
     """The weights ``name`` and their card, read once.
 
     Raises:
-        ValueError: there are none of this name (the nearest match is named), or they are not those of the card.
+        ValueError: there are none of this name (the nearest match is named), they are not those of the card, or the
+            card is damaged.
     """
     path = folder / f"{name}.safetensors"
     if not path.is_file():
         raise unknown_name("weights", name, sorted(p.stem for p in folder.glob("*.safetensors")))
-    data, card = path.read_bytes(), json.loads(path.with_suffix(".json").read_text())
+    beside = path.with_suffix(".json")
+    card = read_json(beside, "sha256", remedy="restore it beside its weights, or train them anew")
+    data = path.read_bytes()
     if hashlib.sha256(data).hexdigest() != card["sha256"]:
         raise ValueError(
             f"{path} does not have the checksum of its card: it was changed or cut off; "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 import cloth_envs
-from cloth_envs.registry import EPISODE_FRAMES
+from cloth_envs.registry import EPISODE_FRAMES, make_backend
 
 ID = "MiniCloth-Flag-v0"
 SMALL = {"resolution": (9, 13)}
@@ -209,6 +210,31 @@ def played(env: Any, seed: Any) -> np.ndarray:
 )
 def test_numpys_numbers_count_as_pythons(theirs: dict[str, Any], ours: dict[str, Any]) -> None:
     assert np.array_equal(played(many(**theirs), 3), played(many(**ours), 3))
+
+
+def test_a_backend_is_given_pythons_numbers_and_arrays_as_they_are() -> None:
+    given: dict[str, Any] = {}
+
+    def factory(scene: Any, *, num_envs: int, **options: Any) -> Any:
+        given.update(options)
+        return make_backend("reference", scene, num_envs=num_envs)
+
+    cloth_envs.register_backend("listening", factory)
+    try:
+        weights = np.ones(3)
+        one(
+            backend="listening", backend_kwargs={"count": np.int64(2), "more": {"share": np.float32(0.5)}, "w": weights}
+        )
+    finally:
+        del cloth_envs.BACKENDS["listening"]
+    assert json.dumps({name: given[name] for name in ("count", "more")}) == '{"count": 2, "more": {"share": 0.5}}'
+    assert isinstance(given["w"], np.ndarray)
+
+
+def test_a_backend_that_cannot_be_loaded_is_in_nobodys_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(cloth_envs.BACKENDS, "broken", "no_such_module:Physics")
+    with pytest.raises(ValueError, match="Did you mean 'material'"):
+        one(fabric="silk")
 
 
 def test_particles_take_numpys_types() -> None:

@@ -13,6 +13,7 @@ from cloth_envs import extras
 from cloth_envs.commands.cli import main
 
 COMMANDS = [["bench", "throughput"], ["train", "local"], ["generate", "Flag"], ["report", "--out", "a.html"]]
+COMMANDS += [["bench"], ["train"], ["generate"], ["report"]]
 
 
 def test_training_is_found_beside_the_package(tmp_path: Path) -> None:

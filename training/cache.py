@@ -3,9 +3,12 @@
 import hashlib
 import os
 from collections.abc import Callable, Mapping
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+
+from cloth_envs.files import check_folder, check_zip, reading, write_bytes
 
 
 def cache_folder(kind: str, given: Path | None = None) -> Path:
@@ -25,11 +28,18 @@ def digest(*parts: object) -> str:
 
 
 def cached_arrays(path: Path, make: Callable[[], Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """The arrays of ``path`` (``.npz``); where it is missing they are made, and it appears when it is whole."""
+    """The arrays of ``path`` (``.npz``); where it is missing they are made, and it appears when it is whole.
+
+    Raises:
+        OSError: it can't be written.
+        ValueError: it is damaged.
+    """
     if not path.is_file():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(f".{os.getpid()}.part.npz")
-        np.savez(part, **make())  # type: ignore[arg-type]
-        part.replace(path)
-    with np.load(path) as file:
-        return dict(file)
+        content = BytesIO()
+        np.savez(content, **make())  # type: ignore[arg-type]
+        check_folder(path.parent)
+        write_bytes(path, content.getvalue())
+    with reading(path, "remove it, it is made again"):
+        check_zip(path)
+        with np.load(path) as file:
+            return dict(file)

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from cloth_envs.files import check_folder
+from cloth_envs.files import check_folder, read_json, write_text
 from cloth_envs.machine import header
 from cloth_envs.parsing import Parser
-from cloth_envs.progress import announce, progress
+from cloth_envs.progress import progress
 from cloth_envs.registry import SCENES
 from cloth_envs.resample import resample
 from surrogates.miniature.closure import CLOSURE, FACTORS, load_factors
 from surrogates.miniature.coarse import CoarsePhysics
 from training.cache import cache_folder
-from training.command import add_out
+from training.command import add_out, plan
 from training.rollouts import Recording, replay, stack_controls, stack_states
 from training.rows import read_names
 from training.truth import Case, load
@@ -60,7 +60,8 @@ def windows(scene: str, seeds: Sequence[int], horizon: int, folder: Path) -> Rec
     first = round(SETTLE / Case(scene).world().scene.frame_dt)
     starts = [first + SPACING * k for k in range(WINDOWS)]
     keep = [start + frame for start in starts for frame in range(horizon + 1)]
-    truths = [load(Case(scene, seed), max(keep), keep, folder) for seed in seeds]
+    todo = progress(seeds, f"{scene}, truths", unit="run")
+    truths = [load(Case(scene, seed), max(keep), keep, folder) for seed in todo]
     at = [(truth, start) for truth in truths for start in starts]
     states = {k: stack_states([truth.states[start + k] for truth, start in at]) for k in range(horizon + 1)}
     controls = [stack_controls([truth.controls[start + k] for truth, start in at]) for k in range(horizon)]
@@ -125,12 +126,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     scaling = options.scaling
     out = check_folder(options.out) / f"{scaling}.json"
     scenes = read_names(",".join(options.scenes), list(SCENES), "scene")
-    announce(
-        f"{scaling}: {', '.join(scenes)} at factors {', '.join(map(str, options.factors))}, {options.evaluations} "
-        f"evaluations a fit\nFactors go into {out}, truths into {cache_folder('truth')}; stopped by Ctrl-C, the same "
-        "command goes on."
-    )
-    known = json.loads(out.read_text()) if out.is_file() else {"scenes": {}}
+    fits = f"at factors {', '.join(map(str, options.factors))}, {options.evaluations} evaluations a fit"
+    plan(scaling, f"{', '.join(scenes)} {fits}", out, cache_folder("truth"))
+    known = read_json(out, "scenes", remedy="restore or remove it") if out.is_file() else {"scenes": {}}
     for scene in scenes:
         done = known["scenes"].setdefault(scene, {})
         wanted = [factor for factor in options.factors if str(factor) not in done]
@@ -152,7 +150,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 "truth": "explicit, float64, a quarter of the stable step",
                 **header(),
             }
-            out.write_text(json.dumps(known, indent=1) + "\n")
+            write_text(out, json.dumps(known, indent=1) + "\n")
             print("wrote", out, scene, factor, json.dumps(done[str(factor)]))
     return 0
 

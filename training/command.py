@@ -40,13 +40,6 @@ def read(
     parser.add_argument("--cache", type=Path, default=cache_folder(name.replace("-", "_")), help="folder of the data")
     given = parser.parse_args(argv)
     given.scenes = read_names(",".join(given.scenes), list(SCENES), "scene")
-    numbers = ", ".join(f"{option} {getattr(given, option)}" for option in options)
-    at = f" at factors {', '.join(map(str, given.factors))}" if factors else ""
-    announce(
-        f"{name}: {', '.join(given.scenes)}{at}; {numbers}\n"
-        f"Weights go into {given.out}, data and what is half done into {given.cache}; stopped by Ctrl-C, the same "
-        "command goes on."
-    )
     return given, recipe(**{option: getattr(given, option) for option in options})
 
 
@@ -54,6 +47,14 @@ def add_out(parser: Parser, folder: Path) -> None:
     """The option ``--out``, by default ``folder``: what the package ships is replaced only where that is asked for."""
     about = f"folder of the weights (default {folder}; environments use those in {WEIGHTS})"
     parser.add_argument("--out", type=Path, default=folder, help=about)
+
+
+def plan(name: str, what: str, out: Path, work: Path) -> None:
+    """Say what ``name`` is going to fit and where it goes."""
+    announce(
+        f"{name}: {what}\nWeights go into {out}, data and what is half done into {work}; stopped by Ctrl-C, the same "
+        "command goes on."
+    )
 
 
 def is_done(name: str, factor: int, settings: Mapping[str, Any], out: Path) -> bool:

@@ -1,10 +1,11 @@
-"""The one training loop: Adam under a schedule, with a progress bar, that goes on bit for bit where it was stopped."""
+"""The one training loop: Adam under a schedule, that goes on bit for bit where it was stopped."""
 
 import json
 import math
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from cloth_envs.files import check_folder, check_zip, reading, write_bytes
 from cloth_envs.progress import progress
 
 Rate = Callable[[int], float]  # of a step; the first one is 0
@@ -55,20 +57,23 @@ class Kept:
     every: int = 500
 
     def read(self) -> dict[str, Any]:
-        """What was written last, or nothing."""
+        """What was written last, or nothing. Raises ValueError: damaged, or of another training."""
         if not self.path.is_file():
             return {}
-        parts: dict[str, Any] = torch.load(self.path, weights_only=True)
-        if parts["mark"] != self.mark:
+        with reading(self.path, "remove it to start again"):
+            check_zip(self.path)  # torch reads past it
+            parts: dict[str, Any] = torch.load(self.path, weights_only=True)
+            mark = parts["mark"]
+        if mark != self.mark:
             raise ValueError(f"{self.path} is of another recipe or other data: remove it to start again")
         return parts
 
     def write(self, **parts: Any) -> None:
-        """Replace the file, when the new one is whole on disk."""
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        part = self.path.with_suffix(".part")
-        torch.save({"mark": self.mark, **parts}, part)
-        part.replace(self.path)
+        """Replace the file, when the new one is whole. Raises OSError: it can't be written; the old one stays."""
+        check_folder(self.path.parent)
+        content = BytesIO()
+        torch.save({"mark": self.mark, **parts}, content)
+        write_bytes(self.path, content.getvalue())
 
 
 def fit(
@@ -86,7 +91,7 @@ def fit(
     """Change ``net`` by Adam until ``steps`` are done. Returns the processor's seconds for all of them.
 
     ``loss`` is of a step: its batch follows from the step's number and from ``rng``, the generator that it draws from.
-    ``label`` is of the progress bar, ``clip`` the largest norm of a gradient, ``kept`` where to go on; the weights of
+    ``label`` is of the progress, ``clip`` the largest norm of a gradient, ``kept`` where to go on; the weights of
     ``best`` are left in the end instead of the last ones. Parameters that require no gradient stay as they are.
 
     Raises:

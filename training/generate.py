@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from functools import partial
+from io import BytesIO
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from cloth_envs.files import check_folder, reading, write_bytes
 from cloth_envs.grid import Grid
 from cloth_envs.parsing import Parser
 from cloth_envs.presets import load_preset, solver_of
@@ -32,6 +34,7 @@ from training.rollouts import Recording, record, replay, seeded_actions
 
 HISTORY = 3  # coarse states that an upscaler may read: two of the past, and the present
 HELD_OUT_EVERY = 5  # one trajectory of so many
+REMEDY = "remove it and run `minicloth generate` again"
 STEPS = (0.75, 1.0, 1.0, 1.25)  # frames of a trajectory, of the scene's own; one of these at random
 
 
@@ -127,14 +130,14 @@ def write_shard(plan: Plan, folder: Path, index: int) -> None:
     rng = np.random.default_rng((plan.seed, index, 1))
     run = simulate(task_of(plan.scene, plan.preset, own), plan.preset, rng, plan.frames, own.push)
     positions = np.concatenate([state.positions for state in run.states.values()])
-    part = path.with_suffix(".part")
-    with h5py.File(part, "w") as file:
-        file["positions"] = positions
-        for factor in plan.factors:
-            file[f"real/{factor}"] = miniature_runs(plan, run, factor)
+    content = BytesIO()  # HDF5 can't stand a full disk
+    with h5py.File(content, "w", libver="latest") as file:
+        arrays = {"positions": positions} | {f"real/{n}": miniature_runs(plan, run, n) for n in plan.factors}
+        for name, array in arrays.items():
+            file.create_dataset(name, data=array, chunks=array.shape, fletcher32=True)
         sha256 = hashlib.sha256(positions.tobytes()).hexdigest()
         file.attrs.update(plan=plan.text(), index=index, sha256=sha256, **asdict(own))
-    part.replace(path)
+    write_bytes(path, content.getvalue())
 
 
 def generate(plan: Plan, folder: Path, count: int, workers: int = 1) -> int:
@@ -143,11 +146,12 @@ def generate(plan: Plan, folder: Path, count: int, workers: int = 1) -> int:
     Raises:
         ValueError: the folder holds data of another plan, or the teacher failed.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    check_folder(folder)
     for path in sorted(folder.glob("*.h5"))[:1]:
-        with h5py.File(path) as file:
-            if file.attrs["plan"] != plan.text():
-                raise ValueError(f"{folder} holds data of another plan: choose another --out, or remove it")
+        with reading(path, REMEDY), h5py.File(path) as file:
+            found = file.attrs["plan"]
+        if found != plan.text():
+            raise ValueError(f"{folder} holds data of another plan: choose another --out, or remove it")
     wanted = [k for k in range(count) if not (folder / f"{k:05d}.h5").is_file()]
     job = partial(write_shard, plan, folder)
     with get_context("spawn").Pool(workers) if min(workers, len(wanted)) > 1 else nullcontext() as pool:

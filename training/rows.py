@@ -6,6 +6,7 @@ from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any, Generic, TypeVar, get_type_hints
 
+from cloth_envs.files import reading, replacing
 from cloth_envs.naming import unknown_name
 
 Row = TypeVar("Row")
@@ -28,19 +29,21 @@ def read_rows(path: Path, kind: type[Row]) -> list[Row]:
     """Dataclasses of str, int and float from the CSV that ``write_rows`` wrote.
 
     Raises:
-        ValueError: the file has other columns.
+        ValueError: the file is damaged, or has other columns.
     """
     types = get_type_hints(kind)
-    with path.open(newline="") as file:
-        reader = csv.DictReader(file)
-        if reader.fieldnames != list(types):
-            raise ValueError(f"{path} has other columns than this version writes: remove it, or choose another --out")
-        return [kind(**{name: types[name](text) for name, text in row.items()}) for row in reader]
+    with reading(path, "restore it, or remove it to measure again"), path.open(newline="") as file:
+        lines = list(csv.reader(file, strict=True))
+        header, *body = lines
+    if header != list(types):
+        raise ValueError(f"{path} has other columns than this version writes: remove it, or choose another --out")
+    with reading(path, "restore it, or remove it to measure again"):
+        return [kind(**{n: types[n](text) for n, text in zip(types, line, strict=True)}) for line in body]
 
 
 def write_rows(path: Path, rows: Sequence[Any]) -> None:
-    """Dataclasses as CSV."""
-    with path.open("w", newline="") as file:
+    """Dataclasses as CSV, in place of what is there. Raises OSError: it can't be written; the old file stays."""
+    with replacing(path) as part, part.open("w", newline="") as file:
         writer = csv.DictWriter(file, [field.name for field in fields(rows[0])])
         writer.writeheader()
         writer.writerows(asdict(row) for row in rows)
@@ -76,6 +79,4 @@ class Store(Generic[Row]):
         """Hold ``rows`` instead of what was held."""
         self.rows, self._known = list(rows), {self._of(row) for row in rows}
         if self.path is not None and rows:
-            part = self.path.with_suffix(".part")
-            write_rows(part, self.rows)
-            part.replace(self.path)
+            write_rows(self.path, self.rows)

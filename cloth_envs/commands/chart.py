@@ -8,6 +8,7 @@ import numpy as np
 
 from cloth_envs.commands.measure import Comparison
 from cloth_envs.commands.tables import machine
+from cloth_envs.files import replacing
 from cloth_envs.style import COLORS, GRID, INK, MARKERS, import_figure, limits, spread
 
 WIDTH, HEIGHT = 7.2, 4.6  # inches: the width of a page
@@ -88,7 +89,8 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
             if i not in own:
                 _tell(axes, label, (times[i, 1], errors[i].max()), (0, 8), ha="center", va="bottom")
     for path in paths:
-        figure.savefig(path, dpi=200, bbox_inches="tight", pad_inches=0.12, facecolor="white")
+        with replacing(path) as part:
+            figure.savefig(part, dpi=200, bbox_inches="tight", pad_inches=0.12, facecolor="white")
 
 
 def _label(axes: Any, labels: list[str], x: np.ndarray, y: np.ndarray, *, ringed: set[str]) -> None:

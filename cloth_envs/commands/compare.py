@@ -10,7 +10,7 @@ from cloth_envs.commands import chart, tables
 from cloth_envs.commands.entries import choose_entries
 from cloth_envs.commands.measure import REPEATS, Comparison, compare
 from cloth_envs.commands.outputs import fixed_camera, import_imageio, open_video
-from cloth_envs.files import check_folder
+from cloth_envs.files import check_folder, write_text
 from cloth_envs.policies import open_loop
 from cloth_envs.progress import announce, progress
 from cloth_envs.registry import load_task
@@ -59,7 +59,7 @@ def compare_scene(
     stem = folder / f"compare_{scene.lower()}"
     table, notes = tables.markdown(result), tables.notes(result, setup)
     tables.write_csv(result, stem.with_suffix(".csv"))
-    stem.with_suffix(".md").write_text(f"# {scene}: speed and error\n\n{table}\n\n{notes}")
+    write_text(stem.with_suffix(".md"), f"# {scene}: speed and error\n\n{table}\n\n{notes}")
     nearest = max((h for h in result.horizons if h <= horizon), default=result.horizons[0])
     chart.draw(result, [stem.with_suffix(".png"), stem.with_suffix(".svg")], horizon=nearest, setup=setup)
     if video:
@@ -82,13 +82,13 @@ def film(comparison: Comparison, path: Path) -> None:
         size: dict[str, Any] = {"width": VIEW[0] * len(row), "height": VIEW[1], "camera": camera}
         renderers.append(Renderer(comparison.scene, views=len(row), captions=captions, **size))
     frames = max(len(result.states) for result in results)
-    with open_video(path, 1 / comparison.scene.frame_dt) as stream:
+    with open_video(path, 1 / comparison.scene.frame_dt) as add:
         for frame in progress(range(frames), "video", unit="frame"):
             lines = []
             for row, renderer in zip(rows, renderers, strict=True):
                 line = renderer.draw([result.states[min(frame, len(result.states) - 1)] for result in row])
                 empty = VIEW[0] * columns - line.shape[1]
                 lines.append(np.pad(line, ((0, 0), (0, empty), (0, 0)), constant_values=255))
-            stream.append_data(np.concatenate(lines, 0))
+            add(np.concatenate(lines, 0))
     for renderer in renderers:
         renderer.close()

@@ -1,15 +1,15 @@
 """Videos and images that commands write."""
 
-from collections.abc import Sequence
-from contextlib import ExitStack
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 
 from cloth_envs.extras import install
-from cloth_envs.files import check_file, check_folder
+from cloth_envs.files import check_file, check_folder, replacing
 from cloth_envs.progress import progress
 from cloth_envs.rendering import Camera, Renderer, framing
 from cloth_envs.rendering.renderer import import_pyvista
@@ -27,11 +27,58 @@ def import_imageio() -> ModuleType:
     return imageio.v2
 
 
-def open_video(path: Path, fps: float) -> Any:
-    """An imageio stream to an H.264 file that every player knows; pictures have even sides."""
-    return import_imageio().get_writer(
-        path, fps=fps, codec="libx264", quality=8, macro_block_size=2, pixelformat="yuv420p", ffmpeg_log_level="error"
-    )
+@contextmanager
+def open_video(path: Path, fps: float) -> Iterator[Callable[[np.ndarray], None]]:
+    """What adds a picture to an H.264 file that every player knows; pictures have even sides.
+
+    The file replaces an older one when it is whole.
+
+    Raises:
+        OSError: it can't be written; nothing of it is left.
+        ValueError: no pictures were added.
+    """
+    imageio, count = import_imageio(), 0
+    import imageio_ffmpeg
+
+    with replacing(path) as part:
+        stream = imageio.get_writer(
+            part, fps=fps, codec="libx264", quality=8, macro_block_size=2, pixelformat="yuv420p",
+            ffmpeg_log_level="fatal",
+        )  # fmt: skip
+
+        def add(picture: np.ndarray) -> None:
+            nonlocal count
+            try:
+                stream.append_data(picture)
+            except OSError as error:  # with ffmpeg's whole command line
+                raise _why(part) from error
+            count += 1
+
+        try:
+            yield add
+        finally:
+            with suppress(OSError):  # what is missing is seen below
+                stream.close()
+        if count == 0:
+            raise ValueError(f"there are no pictures for {path}: give at least one frame")
+        try:
+            whole = imageio_ffmpeg.count_frames_and_secs(part)[0] == count
+        except RuntimeError:
+            whole = False
+        if not whole:
+            raise _why(part)
+
+
+def _why(part: Path) -> OSError:
+    """What kept ffmpeg from writing ``part``: what keeps us from it too, if anything does."""
+    try:
+        with part.open("ab", buffering=0) as file:
+            file.write(bytes(2**20))
+            os.fsync(file.fileno())
+            file.write(bytes(1))
+    except OSError as error:
+        return error
+    return OSError("ffmpeg ended before the last picture")
 
 
 def check_pictures(video: str | None, images: str | None) -> None:
@@ -53,20 +100,28 @@ def check_pictures(video: str | None, images: str | None) -> None:
 def write_pictures(
     scene: Scene, states: Sequence[State], *, video: str | None, images: str | None, strain: bool
 ) -> None:
-    """Draw ``states`` to an H.264 video at the simulated speed, to numbered PNG images, to both or to none."""
+    """Draw ``states`` to an H.264 video at the simulated speed, to numbered PNG images, to both or to none.
+
+    Raises:
+        OSError: a file can't be written; what was there stays, and no broken one is left.
+        ValueError: there are no states.
+    """
     if video is None and images is None:
         return
+    if not states:
+        raise ValueError(f"there are no frames to draw to {video or images}: give at least one")
     with ExitStack() as stack:
         camera = fixed_camera(scene, [states], aspect=4 / 3)
         renderer = Renderer(scene, color="strain" if strain else "fabric", camera=camera)
         stack.callback(renderer.close)
-        stream = None if video is None else stack.enter_context(open_video(Path(video), 1 / scene.frame_dt))
+        add = None if video is None else stack.enter_context(open_video(Path(video), 1 / scene.frame_dt))
         for number, state in enumerate(progress(states, "pictures", unit="frame")):
             picture = renderer.draw(state)
-            if stream is not None:
-                stream.append_data(picture)
+            if add is not None:
+                add(picture)
             if images is not None:
-                import_imageio().imwrite(Path(images) / f"frame_{number:05d}.png", picture)
+                with replacing(Path(images) / f"frame_{number:05d}.png") as part:
+                    import_imageio().imwrite(part, picture)
 
 
 def fixed_camera(scene: Scene, runs: Sequence[Sequence[State]], *, aspect: float, below: float = 0.0) -> Camera:

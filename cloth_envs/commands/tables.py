@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from cloth_envs.commands.measure import REPEATS, Comparison
+from cloth_envs.files import replacing
 from cloth_envs.machine import processor
 
 
@@ -33,7 +34,7 @@ def write_csv(comparison: Comparison, path: Path) -> None:
         row += [middle, low, high, comparison.scene.frame_dt * 1e3 / middle]
         row += [*percent(result.errors), *percent(result.heights), 100 * result.divergence, result.failure or ""]
         body.append(row)
-    with path.open("w", newline="") as file:
+    with replacing(path) as part, part.open("w", newline="") as file:
         csv.writer(file).writerows(body)
 
 

@@ -20,6 +20,7 @@ Nothing is compressed: measured on a flag, gzip saved 18 % of the space for 15 t
 """
 
 from cloth_envs.recording.reader import Rollout
-from cloth_envs.recording.writer import RecordRollout, RolloutWriter
+from cloth_envs.recording.recorder import RecordRollout
+from cloth_envs.recording.writer import RolloutWriter
 
 __all__ = ["RecordRollout", "Rollout", "RolloutWriter"]

@@ -1,7 +1,10 @@
 """The layout of a rollout file: names, attributes and empty datasets."""
 
+import hashlib
 import json
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import asdict, is_dataclass
+from typing import Any
 
 import h5py
 import numpy as np
@@ -12,84 +15,115 @@ from cloth_envs.particles import Particles
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.version import __version__
 
-LAYOUT_VERSION = 2
+LAYOUT_VERSION = 3
 SMALL_CHUNK = 64  # frames, or trajectories, of everything but the cloth
-UNITS = "SI: m, s, kg, Pa; z up"
-# State's field -> where its frames are kept; positions and velocities also change their order of axes.
+# State's cloth -> where the three components of its frames are kept; and the rest of it.
+CLOTH = {
+    "positions": tuple(f"t0_fields/position_{axis}" for axis in "xyz"),
+    "velocities": tuple(f"t0_fields/velocity_{axis}" for axis in "xyz"),
+}
 PATHS = {
-    "positions": "t1_fields/positions",
-    "velocities": "t1_fields/velocities",
     "colliders": "colliders/positions",
     "collider_velocities": "colliders/velocities",
     "wind": "wind",
     "pressure": "scalars/pressure",
     "time": "dimensions/time",
 }
+UNITS = {
+    **dict.fromkeys((*CLOTH["positions"], "colliders/positions", "dimensions/row", "dimensions/col"), "m"),
+    **dict.fromkeys((*CLOTH["velocities"], "colliders/velocities", "wind"), "m/s"),
+    "scalars/pressure": "Pa",
+    "dimensions/time": "s",
+    "scalars/areal_density": "kg/m^2",
+    "scalars/stretch_stiffness": "N/m",
+    "scalars/shear_stiffness": "N/m",
+    "scalars/bend_stiffness": "N m",
+    "scalars/damping": "s",
+    "scalars/drag": "1/s",
+}  # all others are pure numbers, "1"
+RESET, SEEDED = 1, 2  # how a trajectory began: by a reset, and one with a seed; 0: by a change of the state
 
 
-def scene_from_json(text: str, handles: tuple[int, ...]) -> Scene:
-    """The scene that ``lay_out`` wrote; needs no registry, so scenes of other packages load too."""
+def scene_from_json(text: str, handles: tuple[int, ...] | None = None) -> Scene:
+    """The scene that ``lay_out`` wrote; needs no registry, so scenes of other packages load too.
+
+    ``handles`` are those of layouts 1 and 2, which kept them elsewhere.
+    """
     parts = json.loads(text)
     parts["grid"], parts["material"] = Grid(**parts["grid"]), Material(**parts["material"])
     parts["wind"] = parts["wind"] and Wind(**parts["wind"])
     net = parts.get("particles")  # files of version 0.1 have none
     parts["particles"] = net and Particles(**net)
     parts["colliders"] = tuple(Collider(**body) for body in parts["colliders"])
-    return Scene(**parts, handles=handles)
+    parts["handles"] = tuple(parts["handles"]) if handles is None else handles
+    return Scene(**parts)
 
 
-def lay_out(file: h5py.File, scene: Scene, *, dtype: np.dtype, chunk: int, actions: int, env_spec: str) -> None:
+def plain(value: Any) -> Any:
+    """NumPy's numbers and arrays, and dataclasses, as JSON has them. Raises TypeError: anything else."""
+    if isinstance(value, (np.generic, np.ndarray)):
+        return value.tolist()
+    if is_dataclass(value) and not isinstance(value, type):
+        return asdict(value)
+    raise TypeError(f"{type(value).__name__} has no place in JSON")
+
+
+def digest(attributes: Mapping[str, Any]) -> str:
+    """What ``@digest`` is: the SHA-256 of the other attributes that never change."""
+    known = {name: str(value) for name, value in sorted(attributes.items()) if name not in ("digest", "n_trajectories")}
+    return hashlib.sha256(json.dumps(known).encode()).hexdigest()
+
+
+def lay_out(
+    file: h5py.File, scene: Scene, *, dtype: np.dtype, chunk: int, actions: int, about: Mapping[str, str]
+) -> None:
     """Create everything in an empty file, with no trajectories yet; ``dtype`` is the cloth's, ``chunk`` is in frames.
 
-    Nothing can be added later, in HDF5's single-writer mode.
+    ``about`` are further attributes, as text.
     """
     grid, bodies = scene.grid, len(scene.colliders)
-    file.attrs.update(
-        layout_version=LAYOUT_VERSION,
-        scene=json.dumps({name: value for name, value in asdict(scene).items() if name != "handles"}),
-        env_spec=env_spec,
-        package_version=__version__,
-        units=UNITS,
-        dataset_name=f"minicloth_{scene.name}",
-        grid_type="cartesian",
-        n_spatial_dims=2,
-        n_trajectories=0,
-        simulation_parameters=_texts([]),
-    )
-    cloth, body = (*grid.shape, 3), (bodies, 2, 3)
-    shapes: dict[str, tuple[int, ...]] = {"t1_fields/positions": cloth, "t1_fields/velocities": cloth}
+    own: dict[str, Any] = {
+        "layout_version": LAYOUT_VERSION,
+        "scene": json.dumps(asdict(scene), default=plain),
+        **about,
+        "package_version": __version__,
+        "units": "SI: m, s, kg, Pa; z up",
+        "dataset_name": f"minicloth_{scene.name}",
+        "grid_type": "cartesian",
+        "n_spatial_dims": 2,
+        "dt": scene.frame_dt,
+        "simulation_parameters": _texts(["dt"]),
+    }
+    file.attrs.update(own, n_trajectories=0)
+    file.attrs["digest"] = digest(dict(file.attrs))
+    file.create_dataset("commits", data=np.int64(0)).attrs["units"] = "1"
+    cloth, body = grid.shape, (bodies, 2, 3)
+    shapes: dict[str, tuple[int, ...]] = {path: cloth for paths in CLOTH.values() for path in paths}
     shapes |= {"colliders/positions": body, "colliders/velocities": body, "wind": (3,), "actions": (actions,)}
     shapes |= {"scalars/pressure": (), "scalars/reward": (), "dimensions/time": ()}
     for path, shape in shapes.items():
-        if 0 in shape:
-            continue
-        frames = chunk if shape == cloth else SMALL_CHUNK
-        dataset = file.create_dataset(
-            path,
-            (0, 0, *shape),
-            dtype if shape in (cloth, body) else np.float64,
-            maxshape=(None, None, *shape),
-            chunks=(1, frames, *shape),
-            fillvalue=np.nan,
-        )
-        dataset.attrs.update(sample_varying=True, time_varying=True)
-        if shape == cloth:
-            dataset.attrs["dim_varying"] = np.array([True, True])
-    whole = {"seeds": (np.int64, -1), "frames": (np.int64, 0)}  # one value a trajectory
-    for path, (kind, fill) in {**{f"scalars/{name}": (np.float64, np.nan) for name in PROPERTIES}, **whole}.items():
-        dataset = file.create_dataset(path, (0,), kind, maxshape=(None,), chunks=(SMALL_CHUNK,), fillvalue=fill)
-        dataset.attrs.update(sample_varying=True, time_varying=False)
-    names = {"t0_fields": [], "t1_fields": ["positions", "velocities"], "t2_fields": []}
-    for group, members in {**names, "scalars": ["reward", "pressure", *PROPERTIES]}.items():
+        if 0 not in shape:
+            kind = dtype if shape in (cloth, body) else np.float64
+            _growing(file, path, (chunk if shape == cloth else SMALL_CHUNK, *shape), kind, np.nan, time=True)
+    for name in PROPERTIES:
+        _growing(file, f"scalars/{name}", (), np.float64, np.nan)
+    _growing(file, "seeds", (1,), np.uint64, 0)
+    _growing(file, "began", (), np.uint8, 0)
+    _growing(file, "frames", (), np.int64, 0)
+    fields = [path.split("/")[1] for paths in CLOTH.values() for path in paths]
+    for path in fields:
+        file[f"t0_fields/{path}"].attrs["dim_varying"] = np.array([True, True])
+    groups = {"t0_fields": fields, "t1_fields": [], "t2_fields": [], "scalars": ["reward", "pressure", *PROPERTIES]}
+    for group, members in groups.items():
         file.require_group(group).attrs["field_names"] = _texts(members)
-    dimensions = file["dimensions"]
-    dimensions.attrs["spatial_dims"] = _texts(["row", "col"])
+    file.create_group("starts")
+    file["dimensions"].attrs["spatial_dims"] = _texts(["row", "col"])
     for name, count, spacing in (("row", grid.rows, grid.row_spacing), ("col", grid.cols, grid.col_spacing)):
-        dimensions[name] = (np.arange(count) * spacing).astype(np.float32)
-        dimensions[name].attrs.update(sample_varying=False, time_varying=False)
+        _fixed(file, f"dimensions/{name}", (np.arange(count) * spacing).astype(np.float32))
     held = np.zeros(grid.shape, bool)
     held.flat[list(scene.handles)] = True
-    _boundary(file, "handles", "wall", ["row", "col"], held)["vertices"] = np.array(scene.handles, np.int64)
+    _boundary(file, "handles", "wall", ["row", "col"], held)
+    _fixed(file, "boundary_conditions/handles/vertices", np.array(scene.handles, np.int64))
     if grid.periodic:
         _boundary(file, "closed", "periodic", ["col"], np.isin(np.arange(grid.cols), (0, grid.cols - 1)))
 
@@ -98,9 +132,22 @@ def _texts(values: list[str]) -> np.ndarray:
     return np.array(values, h5py.string_dtype())
 
 
-def _boundary(file: h5py.File, name: str, kind: str, dims: list[str], mask: np.ndarray) -> h5py.Group:
+def _growing(file: h5py.File, path: str, chunk: tuple[int, ...], kind: Any, fill: float, *, time: bool = False) -> None:
+    """A dataset of no trajectories; ``chunk`` is the shape that is kept together of one of them, in ``time`` or not."""
+    chunks = (1, *chunk) if time else (SMALL_CHUNK, *chunk)
+    empty = (0, 0, *chunk[1:]) if time else (0, *chunk)
+    most = (None, None, *chunk[1:]) if time else (None,) * (1 + len(chunk))
+    dataset = file.create_dataset(path, empty, kind, maxshape=most, chunks=chunks, fillvalue=fill, fletcher32=True)
+    dataset.attrs.update(units=UNITS.get(path, "1"), sample_varying=True, time_varying=time)
+
+
+def _fixed(file: h5py.File, path: str, values: np.ndarray) -> None:
+    dataset = file.create_dataset(path, data=values)
+    dataset.attrs.update(units=UNITS.get(path, "1"), sample_varying=False, time_varying=False)
+
+
+def _boundary(file: h5py.File, name: str, kind: str, dims: list[str], mask: np.ndarray) -> None:
     boundary = file.create_group(f"boundary_conditions/{name}")
-    boundary["mask"] = mask
+    _fixed(file, f"boundary_conditions/{name}/mask", mask)
     boundary.attrs.update(bc_type=kind, sample_varying=False, time_varying=False)
     boundary.attrs.update(associated_dims=_texts(dims), associated_fields=_texts([]))
-    return boundary

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -10,63 +11,60 @@ import h5py
 import numpy as np
 
 from cloth_envs.material import PROPERTIES, Material
-from cloth_envs.recording.layout import LAYOUT_VERSION, PATHS, scene_from_json
+from cloth_envs.recording.checked import CheckedFile
+from cloth_envs.recording.layout import CLOTH, LAYOUT_VERSION, PATHS, RESET, SEEDED, digest, scene_from_json
+from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from cloth_envs.version import __version__
 
-
-def has_writer(path: Path) -> bool:
-    """Whether the writer of this HDF5 file still runs or was killed; such a file opens in single-writer mode only.
-
-    That mode reads damaged parts again and again, for ever, so the length is compared with the superblock here
-    (HDF5 file format, version 3: byte 11 holds the flags, 28-35 the end of the file).
-
-    Raises:
-        OSError: the file is shorter than it was when its writer last flushed.
-    """
-    with path.open("rb") as file:
-        head = file.read(48)
-    if len(head) < 48 or not head.startswith(b"\x89HDF\r\n\x1a\n") or head[8] < 3 or not head[11]:
-        return False
-    if path.stat().st_size < int.from_bytes(head[28:36], "little"):
-        raise OSError("shorter than its writer left it")
-    return True
+BLOCK = 32  # frames that are read at once
 
 
 class Rollout(AbstractContextManager["Rollout"]):
-    """A rollout file opened for reading, whole or cut off by a killed writer; made by ``Rollout.open``.
+    """A rollout file opened for reading: whole, left by a killed writer or being written; made by ``Rollout.open``.
+
+    What is read raises ValueError where the file is damaged or has been closed.
 
     Attributes:
         scene: the ``Scene``, rebuilt from the file alone.
         attributes: the file's attributes; ``env_spec`` is JSON for ``gymnasium.envs.registration.EnvSpec.from_json``.
-        lengths: whole frames of every trajectory.
+        lengths: whole frames of every trajectory, at the time of opening.
         seeds: of every trajectory, None where none was given.
+        resets: whether a reset began the trajectory; otherwise something changed the state in the middle of an episode.
     """
 
-    def __init__(self, file: h5py.File) -> None:
+    def __init__(self, file: CheckedFile) -> None:
         self._file = file
-        self.attributes: dict[str, Any] = dict(file.attrs)
-        handles = tuple(file["boundary_conditions/handles/vertices"][:].tolist())
-        self.scene = scene_from_json(self.attributes["scene"], handles)
-        self.lengths: list[int] = file["frames"][:].tolist()
-        self.seeds: list[int | None] = [None if s < 0 else s for s in file["seeds"][: len(self.lengths)].tolist()]
+        self.attributes: dict[str, Any] = file.read(_attributes)
+        self._version = int(self.attributes["layout_version"])
+        self.scene: Scene
+        self.lengths: list[int]
+        self.scene, self.lengths, self.seeds, self.resets = file.read(self._look)
+
+    def _look(self, file: h5py.File) -> tuple[Scene, list[int], list[int | None], list[bool]]:
+        lengths, seeds = file["frames"][:].tolist(), file["seeds"][:]
+        if self._version < 3:
+            handles = tuple(file["boundary_conditions/handles/vertices"][:].tolist())
+            scene = scene_from_json(self.attributes["scene"], handles)
+            return scene, lengths, [None if s < 0 else s for s in seeds.tolist()], [True] * len(lengths)
+        began = file["began"][:].tolist()
+        numbers = [int.from_bytes(words.astype("<u8").tobytes(), "little") for words in seeds]
+        given = [n if how & SEEDED else None for n, how in zip(numbers, began, strict=True)]
+        return scene_from_json(self.attributes["scene"]), lengths, given, [bool(how & RESET) for how in began]
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "Rollout":
-        """Open a file that ``RolloutWriter`` made.
+        """Open a file that ``RolloutWriter`` made, or is still writing.
 
         Raises:
             FileNotFoundError: no such file.
-            ValueError: not HDF5 or cut short, not a rollout, or written by a newer package.
+            ValueError: not HDF5, cut short or damaged, not a rollout, or written by a newer package.
         """
         if not Path(path).is_file():
             raise FileNotFoundError(f"there is no file {path}: give the path of a rollout that RolloutWriter made")
+        file = CheckedFile(Path(path))
         try:
-            file = h5py.File(path, "r", swmr=has_writer(Path(path)))
-        except OSError as error:
-            raise ValueError(f"{path} is no HDF5 file or was cut short ({error}): copy or record it again") from error
-        try:
-            version = int(file.attrs.get("layout_version", 0))
+            version = file.read(lambda inside: int(inside.attrs.get("layout_version", 0)))
             if version == 0:
                 raise ValueError(f"{path} is HDF5 but no MiniCloth rollout: give a file that RolloutWriter made")
             if version > LAYOUT_VERSION:
@@ -75,9 +73,6 @@ class Rollout(AbstractContextManager["Rollout"]):
                     "read it with the version that wrote it, or a newer one"
                 )
             return cls(file)
-        except (KeyError, TypeError, OSError) as error:
-            file.close()
-            raise ValueError(f"{path} is a damaged rollout ({error}): copy or record it again") from error
         except ValueError:
             file.close()
             raise
@@ -93,41 +88,90 @@ class Rollout(AbstractContextManager["Rollout"]):
     def actions(self, trajectory: int = 0) -> np.ndarray:
         """``(T, A)``; entry t led to frame t."""
         length = self.length(trajectory)
-        if "actions" not in self._file:
-            return np.zeros((length, 0))
-        return self._file["actions"][trajectory, :length].astype(np.float64)
+
+        def look(file: h5py.File) -> np.ndarray:
+            return file["actions"][trajectory, :length] if "actions" in file else np.zeros((length, 0))
+
+        return self._file.read(look).astype(np.float64)
 
     def rewards(self, trajectory: int = 0) -> np.ndarray:
         """``(T,)``."""
-        return self._file["scalars/reward"][trajectory, : self.length(trajectory)].astype(np.float64)
+        length = self.length(trajectory)
+        return self._file.read(lambda file: file["scalars/reward"][trajectory, :length]).astype(np.float64)
 
     def material(self, trajectory: int = 0) -> Material:
         """The material of one trajectory."""
         self.length(trajectory)
-        return Material(**{name: float(self._file[f"scalars/{name}"][trajectory]) for name in PROPERTIES})
+        return self._file.read(
+            lambda file: Material(**{name: float(file[f"scalars/{name}"][trajectory]) for name in PROPERTIES})
+        )
+
+    def start(self, trajectory: int = 0) -> dict[str, np.ndarray]:
+        """What ``env.unwrapped.set_state`` takes, so that the trajectory's actions give its frames again, bit for bit.
+
+        Raises:
+            ValueError: no such trajectory, or its writer was given no start (files of layouts 1 and 2 have none).
+        """
+        self.length(trajectory)
+
+        def look(file: h5py.File) -> dict[str, np.ndarray]:
+            place = f"starts/{trajectory}"
+            if place not in file:
+                return {}
+            with np.load(BytesIO(file[place][:].tobytes())) as parts:
+                return dict(parts)
+
+        found = self._file.read(look)
+        if not found:
+            raise ValueError(
+                f"{self._file.path} does not say where trajectory {trajectory} began: reset to its seed instead"
+            )
+        return found
 
     def state(self, frame: int, trajectory: int = 0) -> State:
         """One frame, a batch of one. Raises ValueError: no such frame or trajectory."""
         length = self.length(trajectory)
         if not 0 <= frame < length:
             raise ValueError(f"there is no frame {frame}: trajectory {trajectory} holds {length}, numbered from 0")
-        bodies = np.zeros((1, 0, 2, 3), self._file[PATHS["positions"]].dtype)
-        parts = {
-            name: self._file[path][trajectory, frame : frame + 1] if path in self._file else bodies
-            for name, path in PATHS.items()
-        }
-        for name in ("positions", "velocities"):
-            parts[name] = np.ascontiguousarray(parts[name].transpose(0, 3, 1, 2))
-        parts |= {name: parts[name].astype(np.float64) for name in ("wind", "pressure")}
-        return State(**parts)
+        return self._frames(trajectory, frame, frame + 1)
 
     def states(self, trajectory: int = 0) -> Iterator[State]:
         """The frames of one trajectory in order, each a batch of one."""
-        for frame in range(self.length(trajectory)):
-            yield self.state(frame, trajectory)
+        length = self.length(trajectory)
+        for begin in range(0, length, BLOCK):
+            block = self._frames(trajectory, begin, min(begin + BLOCK, length))
+            for frame in range(block.batch):
+                yield block.select([frame])
+
+    def _frames(self, trajectory: int, begin: int, end: int) -> State:
+        """Frames ``begin`` to ``end`` as a batch."""
+
+        def look(file: h5py.File) -> State:
+            def of(path: str) -> np.ndarray:
+                return file[path][trajectory, begin:end]
+
+            cloth = {}
+            for name, paths in CLOTH.items():
+                if self._version < 3:
+                    cloth[name] = np.ascontiguousarray(of(f"t1_fields/{name}").transpose(0, 3, 1, 2))
+                else:
+                    cloth[name] = np.stack([of(path) for path in paths], 1)
+            none = np.zeros((end - begin, 0, 2, 3), cloth["positions"].dtype)  # bodies
+            rest = {name: of(path) if path in file else none for name, path in PATHS.items()}
+            rest |= {name: rest[name].astype(np.float64) for name in ("wind", "pressure")}
+            return State(**cloth, **rest)
+
+        return self._file.read(look)
 
     def close(self) -> None:
         self._file.close()
 
     def __exit__(self, *error: object) -> None:
         self.close()
+
+
+def _attributes(file: h5py.File) -> dict[str, Any]:
+    found = dict(file.attrs)
+    if int(found["layout_version"]) > 2 and found["digest"] != digest(found):
+        raise ValueError("its attributes are not those that were written")
+    return found

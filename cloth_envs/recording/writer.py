@@ -1,36 +1,37 @@
-"""``RolloutWriter``: gathers frames and writes them chunk by chunk; ``RecordRollout``: those of an environment."""
+"""``RolloutWriter``: checks the frames of one scene and hands them to their file."""
 
+import operator
 import os
+import weakref
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn, SupportsIndex
 
 import gymnasium as gym
-import h5py
 import numpy as np
 
-from cloth_envs.files import cannot_write
-from cloth_envs.material import PROPERTIES, Material
-from cloth_envs.recording.layout import PATHS, lay_out
+from cloth_envs.material import Material
+from cloth_envs.recording.layout import CLOTH, PATHS
+from cloth_envs.recording.spec import spec_texts
+from cloth_envs.recording.trajectories import Start, Trajectories
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
-
-CHUNK_BYTES = 2**19  # of one field
-MOST_FRAMES = 32  # in a chunk: what a killed writer can lose
 
 
 class RolloutWriter(AbstractContextManager["RolloutWriter"]):
     """Writes trajectories of one scene; use it as a context manager, or call ``close()``.
 
+    What is forgotten is closed with the program. Where the disk fails, the frames written before stay readable.
+
     Args:
         path: the file, usually ``*.h5``.
         source: an environment of this package, or a bare ``Scene``.
         actions: how many numbers an action has; taken from an environment.
-        overwrite: replace an existing file.
+        overwrite: replace an existing file, by ``close()``: until then it stays as it is, beside ``<path>.part``.
 
     Raises:
         FileExistsError: the file exists and ``overwrite`` is false; it is untouched.
-        OSError: the file can't be created there.
+        OSError: the file can't be created there, or another writer has it open.
         ValueError: an environment of another package.
     """
 
@@ -42,139 +43,92 @@ class RolloutWriter(AbstractContextManager["RolloutWriter"]):
         actions: int = 0,
         overwrite: bool = False,
     ) -> None:
-        self.path = Path(path)
-        self._actions, self._spec = actions, ""
+        self.path, about = Path(path), {"env_spec": ""}
         self.scene: Any = source if isinstance(source, Scene) else getattr(source.unwrapped, "scene", None)
         if not isinstance(self.scene, Scene):
             raise ValueError(f"{source} is no cloth environment: record one made by gym.make('MiniCloth-...')")
         if not isinstance(source, Scene):
-            self._spec = "" if source.spec is None else source.spec.to_json()
-            self._actions = int(np.prod(source.action_space.shape or ()))
-        if self.path.exists() and not overwrite:
-            raise FileExistsError(f"{self.path} exists and stays as it is: choose another name or pass overwrite=True")
-        try:
-            self._file = h5py.File(self.path, "w", libver="latest")
-        except OSError as error:
-            raise cannot_write(self.path, error) from error
-        self._frames: dict[str, h5py.Dataset] = {}
-        self._rows: dict[str, list[np.ndarray]] = {}
-        self._next: tuple[int, Material] | None = None  # seed and material of a trajectory without frames so far
-        self._trajectory, self._written = -1, 0
+            about = spec_texts(source)
+            actions = int(np.prod(source.unwrapped.action_space.shape or ()))
+        self._file = Trajectories(self.path, self.scene, actions, about, overwrite=overwrite)
+        self._finish = weakref.finalize(self, self._file.close)
+        self._begun = False
+        self._next: dict[str, Any] | None = None  # a trajectory without frames so far
 
-    def begin(self, seed: int | None = None, material: Material | None = None) -> None:
-        """Start the next trajectory, of ``material`` (default: the scene's), with the next frame."""
-        self._write()
-        self._next = (-1 if seed is None else seed, material or self.scene.material)
+    def begin(
+        self,
+        seed: SupportsIndex | None = None,
+        material: Material | None = None,
+        start: Start | None = None,
+        *,
+        reset: bool = True,
+    ) -> None:
+        """Start the next trajectory, of ``material`` (default: the scene's), with the next frame.
 
-    def _lay_out(self, dtype: np.dtype) -> None:
-        """Make the datasets of a cloth of ``dtype``; from here on a reader may look in."""
-        vertex = 3 * dtype.itemsize
-        self._chunk = int(np.clip(CHUNK_BYTES // (vertex * self.scene.grid.vertices), 1, MOST_FRAMES))
-        lay_out(self._file, self.scene, dtype=dtype, chunk=self._chunk, actions=self._actions, env_spec=self._spec)
-        self._frames = {p: self._file[p] for p in (*PATHS.values(), "actions", "scalars/reward") if p in self._file}
-        self._file.swmr_mode = True
+        ``start`` is what ``env.unwrapped.get_state()`` gives there, for a replay; ``reset`` whether a reset began it.
 
-    def _add_trajectory(self, seed: int, material: Material) -> None:
-        self._trajectory += 1
-        self._written = 0
-        count = self._trajectory + 1
-        values = {f"scalars/{name}": getattr(material, name) for name in PROPERTIES} | {"seeds": seed, "frames": 0}
-        for path, value in values.items():
-            self._file[path].resize((count,))
-            self._file[path][-1] = value
-        for dataset in self._frames.values():
-            dataset.resize((count, *dataset.shape[1:]))
-        self._file.attrs.modify("n_trajectories", count)
-        self._file.flush()
+        Raises:
+            ValueError: a seed below 0, or the file is closed.
+        """
+        self._file.check_open()
+        number = None if seed is None else operator.index(seed)
+        if number is not None and number < 0:
+            raise ValueError(f"a seed is a whole number of at least 0, got {number}")
+        self._begun = True
+        self._next = {"seed": number, "material": material or self.scene.material, "start": start, "reset": reset}
 
     def append(self, state: State, action: np.ndarray | None = None, reward: float = 0.0) -> None:
         """Add a frame (a copy is kept): ``state`` of a batch of one, the ``action`` that led to it and its ``reward``.
 
         Raises:
             RuntimeError: ``begin()`` has not been called.
-            ValueError: a state of another size or finer dtype, or an action of the wrong length; nothing is added.
+            ValueError: a state of another size or finer dtype, or an action of the wrong length; nothing is added. Or
+                the file is closed.
+            OSError: the file can't be written; it is closed, and says what is kept.
         """
-        if self._trajectory < 0 and self._next is None:
+        self._file.check_open()
+        if not self._begun:
             raise RuntimeError("call begin(seed) before the first append(state)")
-        if not self._frames:
-            self._lay_out(state.positions.dtype)
-        parts = {PATHS[name]: value for name, value in state.arrays().items()}
-        for path in ("t1_fields/positions", "t1_fields/velocities"):
-            parts[path] = parts[path].transpose(0, 2, 3, 1)
+        fields = self._file.lay_out(state.positions.dtype)
+        arrays = state.arrays()
+        parts = {path: arrays[name] for name, path in PATHS.items()}
+        for name, paths in CLOTH.items():
+            parts |= {path: arrays[name][:, axis] for axis, path in enumerate(paths)}
         parts["scalars/reward"] = np.array([reward])
-        if "actions" in self._frames:
-            length = self._frames["actions"].shape[2]
-            parts["actions"] = np.zeros((1, length)) if action is None else np.asarray(action).reshape(1, -1)
-        rows = {path: parts[path] for path in self._frames}
+        if "actions" in fields:
+            shape, _ = fields["actions"]
+            parts["actions"] = np.zeros((1, *shape)) if action is None else np.asarray(action).reshape(1, -1)
+        rows = {path: parts[path] for path in fields}
         for path, row in rows.items():
-            expected = (1, *self._frames[path].shape[2:])
-            if row.shape != expected:
+            shape, dtype = fields[path]
+            if row.shape != (1, *shape):
                 raise ValueError(
-                    f"{path} of a frame has shape {row.shape}, this file needs {expected}: one cloth of its scene"
+                    f"{path} of a frame has shape {row.shape}, this file needs {(1, *shape)}: one cloth of its scene"
                 )
-            if not np.can_cast(row.dtype, self._frames[path].dtype):
+            if not np.can_cast(row.dtype, dtype):
                 raise ValueError(
-                    f"{path} of a frame is {row.dtype}, this file holds {self._frames[path].dtype} since its first "
-                    "frame: record each dtype to a file of its own"
+                    f"{path} of a frame is {row.dtype}, this file holds {dtype} since its first frame: record each "
+                    "dtype to a file of its own"
                 )
         if self._next is not None:
-            self._add_trajectory(*self._next)
+            self._file.begin(**self._next)
             self._next = None
-        for path, row in rows.items():
-            self._rows.setdefault(path, []).append(np.array(row[0]))
-        if len(self._rows["scalars/reward"]) >= self._chunk:
-            self._write()
+        self._file.add({path: row[0] for path, row in rows.items()})
 
-    def _write(self) -> None:
-        """Write what has been gathered, then count it."""
-        if not self._rows:
-            return
-        begin, end = self._written, self._written + len(self._rows["scalars/reward"])
-        for path, dataset in self._frames.items():
-            dataset.resize((dataset.shape[0], max(dataset.shape[1], end), *dataset.shape[2:]))
-            dataset[self._trajectory, begin:end] = np.stack(self._rows[path])
-        self._file.flush()
-        self._file["frames"][self._trajectory] = end
-        self._file.flush()
-        self._rows, self._written = {}, end
+    def check_open(self) -> None:
+        """Raises ValueError: the file is closed."""
+        self._file.check_open()
 
     def close(self) -> None:
-        """Write the last frames and close the file; calling it again does nothing."""
-        if self._file:
-            if not self._frames:
-                self._lay_out(np.dtype(np.float32))
-            self._write()
-            self._file.close()
+        """Write the last frames and close the file; calling it again does nothing.
+
+        Raises:
+            OSError: the file can't be written; says what is kept.
+        """
+        self._file.close()
 
     def __exit__(self, *error: object) -> None:
         self.close()
 
-
-class RecordRollout(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
-    """Records every episode of a single environment to ``path``; see ``RolloutWriter``.
-
-    Example: ``env = RecordRollout(gym.make("MiniCloth-Flag-v0"), "flag.h5")``.
-    """
-
-    def __init__(self, env: gym.Env[Any, Any], path: str, *, overwrite: bool = False) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self, path=str(path), overwrite=overwrite)
-        super().__init__(env)
-        self.writer = RolloutWriter(path, env, overwrite=overwrite)
-
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        result = self.env.reset(seed=seed, options=options)
-        cloth: Any = self.env.unwrapped
-        values = cloth.get_state()["materials"][0].tolist()
-        self.writer.begin(seed, Material(**dict(zip(PROPERTIES, values, strict=True))))
-        self.writer.append(cloth.state)
-        return result
-
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        result = self.env.step(action)
-        cloth: Any = self.env.unwrapped
-        self.writer.append(cloth.state, action, float(result[1]))
-        return result
-
-    def close(self) -> None:
-        self.writer.close()
-        self.env.close()
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(f"what records to {self.path} can't be copied: copy the environment without its recorder")

@@ -1,10 +1,10 @@
 """What the coarse sheet weighs and resists: scalings of the material, and the fitted factors that are shipped."""
 
-import json
 from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
+from cloth_envs.files import read_json
 from cloth_envs.material import Material
 from surrogates.checkpoint import WEIGHTS
 
@@ -16,8 +16,13 @@ CLOSURE = (*FACTORS, "buckling_strain", "post_buckling", "compression_damping")
 
 @cache
 def card(scaling: str = "calibrated") -> dict[str, Any]:
-    """All factors by scene and grid factor, with how they were fitted; ``scaling`` is also the file's name."""
-    return json.loads((WEIGHTS / f"{scaling}.json").read_text())
+    """All factors by scene and grid factor, with how they were fitted; ``scaling`` is also the file's name.
+
+    Raises:
+        ValueError: the file is damaged.
+    """
+    remedy = "restore it, or fit it anew with `python -m training.calibrate`"
+    return read_json(WEIGHTS / f"{scaling}.json", "scenes", remedy=remedy)
 
 
 def load_factors(scene: str, factor: float, scaling: str = "calibrated") -> dict[str, float]:

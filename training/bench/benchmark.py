@@ -13,6 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from cloth_envs.files import check_folder, read_json, write_text
 from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
 from cloth_envs.parsing import Parser
@@ -65,7 +66,7 @@ class Session:
         self.scenes = usual if given.scenes is None else read_names(given.scenes, benchmark.known, "scene")
         self.about: dict[str, Any] = {**header(), "revision": revision(), "quick": given.quick}
         if self.out and not given.chart_only:
-            self.out.mkdir(parents=True, exist_ok=True)
+            check_folder(self.out)
         self._stores: dict[str, Store[Any]] = {}
 
     def cache(self, kind: str) -> Path:
@@ -96,7 +97,7 @@ class Session:
     def write(self, header: Path | None) -> None:
         """What the session says of itself, as JSON."""
         if header:
-            header.write_text(json.dumps(self.about, indent=2) + "\n")
+            write_text(header, json.dumps(self.about, indent=2) + "\n")
 
     def rows(self) -> dict[str, list[Any]]:
         """Rows by stem: what this call's stores hold, or else what is on disk."""
@@ -159,7 +160,8 @@ class Benchmark:
         """
         session = Session(self, self.parser().parse_args(argv))
         header = session.out / f"{self.header}.json" if session.out else None
-        old = json.loads(header.read_text()) if header and header.is_file() else None
+        remedy = "restore it, or start anew with --fresh and another --out"
+        old = read_json(header, "quick", remedy=remedy) if header and header.is_file() else None
         if session.given.chart_only:
             if old is None:
                 raise ValueError("--chart-only needs --out, the folder that holds the rows and their header")

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from cloth_envs.files import replacing
 from cloth_envs.style import GRID, INK, import_figure
 
 WIDTH, COLUMNS, PANEL = 7.2, 2, 2.55  # inches: the width of a page, and the height of a panel
@@ -51,4 +52,5 @@ def save(figure: Any, note: str, folder: Path, stem: str, *, size: float = 7.0) 
     text = "\n".join(textwrap.wrap(note, 140))
     figure.text(0.005, -0.008, text, fontsize=size, color=SOFT, va="top", ha="left", linespacing=1.35)
     for kind in ("png", "svg"):
-        figure.savefig(folder / f"{stem}.{kind}", dpi=200, bbox_inches="tight", pad_inches=0.1, facecolor="white")
+        with replacing(folder / f"{stem}.{kind}") as part:
+            figure.savefig(part, dpi=200, bbox_inches="tight", pad_inches=0.1, facecolor="white")

@@ -13,10 +13,10 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from tqdm import tqdm
 
 from cloth_envs.grid import coarser
 from cloth_envs.policies import open_loop
+from cloth_envs.progress import progress
 from cloth_envs.registry import EPISODE_FRAMES, env_id, load_task
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.participants import ENDURANCE, Participant, extra
@@ -123,7 +123,7 @@ def measure(session: Session) -> None:
     each = STEPS / (len(full) * len(session.benchmark.scenes) * len(MODES)) / (QUICK if session.quick else 1)
     session.about |= {"seed": SEED, "members": MEMBERS, "autoreset": MODES, "frames": EPISODE_FRAMES}
     cells = [(scene, one, policy) for one in participants for scene in session.scenes for policy in MODES]
-    for scene, one, policy in tqdm(cells, STEM, disable=None):
+    for scene, one, policy in progress(cells, STEM):
         if (scene, one.label, json.dumps(one.whole), policy) not in store:
             steps = each / SLOW if one.coarse > 1 else each
             store.add(endure(scene, one, policy, round(steps)))

@@ -36,7 +36,7 @@ from training.cell.solve import (
     rows,
     train,
 )  # fmt: skip
-from training.command import read
+from training.command import plan, read
 from training.fit import Kept
 
 CLOSED_FORM = "least_squares"
@@ -142,6 +142,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Train the cells. Returns the exit code."""
     options, flag = {"epochs": "of the first stage"}, ("--no-particles", "sheets only")
     given, recipe = read("physics-cnn", __doc__, Recipe, options, argv, flag=flag)
+    particles_too = "" if given.no_particles else f"cells of particles, {recipe.epochs} epochs in the first stage; "
+    plan("physics-cnn", f"{particles_too}sheets of {', '.join(given.scenes)}", given.out, given.cache)
     torch.set_num_threads(1)
     if not given.no_particles:
         particles(recipe, given.out, given.cache)

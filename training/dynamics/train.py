@@ -19,7 +19,7 @@ from surrogates.miniature.closure import load_factors
 from surrogates.miniature.coarse import CoarsePhysics
 from surrogates.miniature.correction import ARRAYS, LAYERS, Correction, weights_name
 from training.cache import digest
-from training.command import is_done, keep, read
+from training.command import is_done, keep, plan, read
 from training.dynamics.data import FRAMES, SETTLE, Course, Episodes, episodes
 from training.fit import Best, Kept, cosine, fit
 
@@ -196,6 +196,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = {"seeds": "of episodes", "warm": "steps on frames", "steps": "on windows", "hidden": "units a layer"}
     options |= {"memory": "of gradients from frame to frame"}
     given, recipe = read("dynamics", __doc__, Recipe, options, argv, factors=(2, 4))
+    scenes, factors = ", ".join(given.scenes), ", ".join(map(str, given.factors))
+    steps = f"{recipe.warm} steps on frames, {recipe.steps} on windows"
+    plan("dynamics", f"{scenes} at factors {factors}, {steps}", given.out, given.cache)
     for scene in given.scenes:
         train(scene, given.factors, recipe, given.out, given.cache)
     return 0

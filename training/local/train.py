@@ -29,7 +29,7 @@ from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
 from surrogates.upscale.local import Local, Ridge, weights_name
 from surrogates.upscale.local_features import LIMIT, flat_features
 from training.cache import digest
-from training.command import is_done, keep, read
+from training.command import is_done, keep, plan, read
 from training.fit import Kept, cosine, fit
 from training.generate import data_folder
 from training.local.data import (
@@ -195,6 +195,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = {"steps": "of Adam", "scaling": "of the miniature"}
     flag = "--published", f'learn from trajectories of preset "{PRESET}"'
     given, recipe = read("local", __doc__, Recipe, options, argv, factors=FACTORS, flag=flag)
+    what = f"{', '.join(given.scenes)} at factors {', '.join(map(str, given.factors))}, {recipe.steps} steps each"
+    if given.published:
+        what, given.out = f"{', '.join(given.scenes)}, trajectories of preset {PRESET}", work_folder() / "weights"
+    plan("local", what, given.out, given.cache)
     for scene in given.scenes:
         if given.published:
             published(scene, recipe)

@@ -12,13 +12,14 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from cloth_envs.files import reading
 from cloth_envs.grid import Grid
 from cloth_envs.registry import load_task
 from cloth_envs.resample import Resampler
 from surrogates.miniature.coarse import coarse_grid
 from surrogates.upscale.patches import FEATURES, Layout, combine, dense_grid, squares, triangles, windows
 from training.cache import digest
-from training.generate import HELD_OUT_EVERY
+from training.generate import HELD_OUT_EVERY, REMEDY
 
 PAST = 2  # frames before the first one that is upscaled
 
@@ -51,17 +52,17 @@ def shards(folder: Path, *, held_out: bool) -> list[Path]:
 
 
 def read(path: Path, factor: int) -> Trajectory:
-    """One shard, with the miniature runs at ``factor``."""
-    with h5py.File(path) as file:
+    """One shard, with the miniature runs at ``factor``. Raises ValueError: it is damaged."""
+    with reading(path, REMEDY), h5py.File(path) as file:
         own = (float(file.attrs[name]) for name in ("frame_dt", "mass", "spring"))
         return Trajectory(file["positions"][:], file[f"real/{factor}"][:], *own)
 
 
 def data_hash(paths: Sequence[Path]) -> str:
-    """Changes when a trajectory does."""
+    """Changes when a trajectory does. Raises ValueError: one is damaged."""
     known = []
     for path in paths:
-        with h5py.File(path) as file:
+        with reading(path, REMEDY), h5py.File(path) as file:
             known.append(str(file.attrs["sha256"]).encode())
     return digest(*known)
 

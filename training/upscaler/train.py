@@ -20,10 +20,9 @@ from scipy.linalg import block_diag
 from cloth_envs.machine import header
 from cloth_envs.naming import unknown_name
 from cloth_envs.parsing import Parser
-from cloth_envs.progress import announce
 from surrogates.checkpoint import save
 from surrogates.upscale.published import Mlp
-from training.command import add_out
+from training.command import add_out, plan
 from training.fit import Kept, cosine, fit
 from training.generate import data_folder
 from training.upscaler.data import Pairs, data_hash, read, shards
@@ -112,10 +111,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise unknown_name("recipe", name, RECIPES)
     recipe, work = RECIPES[name], work_folder()
     folder = options.data or data_folder(recipe.scene, recipe.preset)
-    announce(
-        f"upscaler {name}: {recipe.steps} steps on the trajectories in {folder}\n"
-        f"Weights go into {options.out}, what is half done into {work}; stopped by Ctrl-C, the same command goes on."
-    )
+    plan(f"upscaler {name}", f"{recipe.steps} steps on the trajectories in {folder}", options.out, work)
     paths = [shards(folder, held_out=held) for held in (False, True)]
     learnt, held = (
         Pairs([read(path, recipe.factor) for path in part], recipe.scene, recipe.factor,

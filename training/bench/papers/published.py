@@ -5,7 +5,6 @@ teacher's own decimated positions, "free" a miniature that starts with the teach
 that starts again from the teacher's state every 20 frames. Tables 3 and 5 are eq. 4 on pairs of patches [m^2].
 """
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from cloth_envs.backend import Backend
+from cloth_envs.files import read_json
 from cloth_envs.progress import progress
 from surrogates.checkpoint import WEIGHTS
 from training.bench.papers import runs
@@ -160,7 +160,7 @@ def pairs(folders: Sequence[Path]) -> Iterator[PublishedRow]:
     """Tables 3 and 5 from the cards of trained networks, with bilinear interpolation on the same pairs."""
     cards: dict[Recipe, Any] = {}
     for path in (path for folder in folders for path in sorted(folder.glob("fc_*.json"))):
-        card = json.loads(path.read_text())
+        card = read_json(path, "recipe", "errors", remedy="restore it, or train the network anew")
         about = {name: value for name, value in card["recipe"].items() if name != "name"}
         cards.setdefault(Recipe(**about), card["errors"])
     for features, paper in TABLE_3.items():

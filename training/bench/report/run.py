@@ -7,7 +7,7 @@ from html import escape
 from pathlib import Path
 
 from cloth_envs.extras import install
-from cloth_envs.files import check_file
+from cloth_envs.files import check_file, read_json, write_text
 from cloth_envs.progress import announce
 from cloth_envs.version import __version__
 from training.bench.benchmark import BENCHMARKS, find, saved
@@ -50,7 +50,7 @@ def write(data: Path, images: Path, out: Path) -> str:
         lines = "".join(f"<li>{escape(line)}</li>" for line in missing)
         head += page.fold(f"Missing: {len(missing)}", f"<ul>{lines}</ul>", opened=True)
     text = page.document("MiniCloth benchmarks", head, sections)
-    out.write_text(text, encoding="utf-8")
+    write_text(out, text)
     lacking = f"; {len(missing)} missing, listed in it" if missing else ""
     return f"{out}: {len(sections)} benchmarks, {len(text.encode()) / 1e6:.1f} MB{lacking}"
 
@@ -90,7 +90,7 @@ def setup(path: Path) -> str:
     """Machine, threads, versions, revision and options from a benchmark's JSON header."""
     if not path.is_file():
         return page.paragraph(f"Set-up unknown: {path.name} is missing", "setup")
-    about = json.loads(path.read_text())
+    about = read_json(path, remedy="restore it, or measure again")
     plain = {key: value for key, value in about.items() if not isinstance(value, dict)}
     words = (f"{key} {', '.join(map(str, x)) if isinstance(x, list) else x}" for key, x in plain.items())
     text = page.paragraph(" · ".join(words), "setup")
