@@ -84,7 +84,7 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
     figure.draw_without_rendering()
     if shown:
         own = [i for i, label in enumerate(labels) if label not in twins]
-        _label(axes, [labels[i] for i in own], times[own, 1], mean[own])
+        _label(axes, [labels[i] for i in own], times[own, 1], mean[own], ringed=set(twins.values()))
         for i, label in enumerate(labels):
             if i not in own:
                 _tell(axes, label, (times[i, 1], errors[i].max()), (0, 8), ha="center", va="bottom")
@@ -93,16 +93,16 @@ def draw(comparison: Comparison, paths: Sequence[Path], *, horizon: int, setup: 
             figure.savefig(part, dpi=200, bbox_inches="tight", pad_inches=0.12, facecolor="white")
 
 
-def _label(axes: Any, labels: list[str], x: np.ndarray, y: np.ndarray) -> None:
-    """Names beside the markers, moved apart, on the side that has more room."""
+def _label(axes: Any, labels: list[str], x: np.ndarray, y: np.ndarray, *, ringed: set[str]) -> None:
+    """Names beside the markers, moved apart, on the side that has more room; outside the open marker around some."""
     box = axes.get_window_extent()
     pixels = axes.transData.transform(np.stack([x, y], 1))
     dpi = axes.figure.dpi / 72
     right = pixels[:, 0] < box.x0 + 0.55 * box.width
-    for side, align, away, up in ((True, "left", 10, 6), (False, "right", -10, -7)):
+    for side, align, sign, up in ((True, "left", 1, 6), (False, "right", -1, -7)):
         mine = np.flatnonzero(right == side)
         for i, at in zip(mine, spread(pixels[mine, 1], 13 * dpi), strict=True):
-            offset = away, (at - pixels[i, 1]) / dpi + up
+            offset = sign * (20 if labels[i] in ringed else 10), (at - pixels[i, 1]) / dpi + up
             _tell(axes, labels[i], (x[i], y[i]), offset, ha=align, va="center")
 
 
