@@ -12,7 +12,7 @@ from tqdm import tqdm
 from cloth_envs.extras import install
 from cloth_envs.files import check_file, check_folder
 from cloth_envs.rendering import Camera, Renderer, framing
-from cloth_envs.rendering.renderer import import_pyvista
+from cloth_envs.rendering.canvas import import_pyvista
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 
