@@ -13,6 +13,7 @@ import numpy as np
 from cloth_envs.extras import install
 from cloth_envs.rendering import framing, look
 from cloth_envs.rendering.framing import Camera
+from cloth_envs.rendering.studio import Studio
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from cloth_envs.style import INK
@@ -46,6 +47,35 @@ def check_window(class_name: str) -> None:
     """
     if class_name == "vtkOSOpenGLRenderWindow" and find_library("OSMesa") is None:
         raise ImportError(f"rendering found no working EGL library: {LIBRARIES}")
+
+
+_spare: dict[tuple[int, int, int], Any] = {}  # the plotter closed last, empty, by its width, height and views
+
+
+def empty_plotter(pv: Any, size: tuple[int, int, int]) -> tuple[Any, bool]:
+    """A plotter of ``size`` without anything in it, and whether it has been shown: the spare one, or a new one.
+
+    Windows that come and go leave 24 kB of compiled code each in Mesa, and holes of 8 MB in the heap.
+    """
+    if size in _spare:
+        return _spare.pop(size), True
+    theme = pv.themes.Theme()
+    theme.anti_aliasing, theme.multi_samples = None, 1
+    plotter = pv.Plotter(
+        off_screen=True, window_size=list(size[:2]), shape=(1, size[2]), border=False, lighting="none", theme=theme
+    )
+    pv.plotting.plotter._ALL_PLOTTERS.pop(plotter._id_name, None)  # or pyvista.close_all() would close it anywhere
+    check_window(plotter.render_window.GetClassName())
+    return plotter, False
+
+
+def close_spare() -> None:
+    """Give back the spare plotter."""
+    while _spare:
+        _spare.popitem()[1].close()
+
+
+STUDIO = Studio(close_spare)
 
 
 @dataclass(eq=False)
@@ -95,13 +125,20 @@ class Canvas:
         """Free the plotter; calling it again does nothing."""
         if self.plotter is not None:
             plotter, self.plotter, self.views = self.plotter, None, []
-            plotter.close()
+            plotter.clear()
+            close_spare()
+            _spare[self._size(len(plotter.renderers))] = plotter
 
     def abandon(self) -> None:
-        """Keep the window for ever: in a forked process both Python and VTK would hang when they free it at the end."""
-        if self.plotter is not None:
-            ctypes.pythonapi.Py_IncRef(ctypes.py_object(self))
-            self.plotter.render_window.Register(None)
+        """Keep the windows for ever: in a forked process both Python and VTK would hang when they free them at the end."""
+        plotters = [*_spare.values(), *([] if self.plotter is None else [self.plotter])]
+        for plotter in plotters:
+            plotter.render_window.Register(None)
+        for kept in (self, plotters):
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(kept))
+
+    def _size(self, views: int) -> tuple[int, int, int]:
+        return self.width, self.height, views
 
     def _show(self, states: Sequence[State], member: int) -> None:
         if self.plotter is None:
@@ -119,19 +156,9 @@ class Canvas:
         pv = import_pyvista()
         from cloth_envs.rendering.view import View
 
-        theme = pv.themes.Theme()
-        theme.anti_aliasing, theme.multi_samples = None, 1
         count = len(states)
-        self.plotter = plotter = pv.Plotter(
-            off_screen=True,
-            window_size=[self.width, self.height],
-            shape=(1, count),
-            border=False,
-            lighting="none",
-            theme=theme,
-        )
-        pv.plotting.plotter._ALL_PLOTTERS.pop(plotter._id_name, None)  # or pyvista.close_all() would take it in any thread
-        check_window(plotter.render_window.GetClassName())
+        self.plotter, shown = empty_plotter(pv, self._size(count))
+        plotter = self.plotter
         scenes = [framing.at_resolution(self.scene, state.positions.shape[2:]) for state in states]
         boxes = np.stack([framing.reach(scene, state, member) for scene, state in zip(scenes, states, strict=True)])
         box = np.stack([boxes[:, 0].min(0), boxes[:, 1].max(0)])
@@ -149,4 +176,5 @@ class Canvas:
         if strain is not None:
             mapper, wide = self.views[-1].sheet.actor.mapper, self.width / count
             plotter.add_scalar_bar("strain (%)\n", mapper=mapper, width=46 / wide, position_x=1 - 64 / wide, **look.BAR)
-        plotter.show(auto_close=False, interactive=False)
+        if not shown:
+            plotter.show(auto_close=False, interactive=False)

@@ -6,9 +6,8 @@ from functools import partial
 
 import numpy as np
 
-from cloth_envs.rendering.canvas import Canvas
+from cloth_envs.rendering.canvas import STUDIO, Canvas
 from cloth_envs.rendering.framing import Camera
-from cloth_envs.rendering.studio import STUDIO
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 

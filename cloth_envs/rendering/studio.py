@@ -1,7 +1,7 @@
 """The one thread in which everything is drawn: a window of OpenGL belongs to the thread that made it.
 
-So an environment may be drawn, closed or dropped in any thread. The thread is there while something is open, and a process
-that has closed all may be forked.
+So an environment may be drawn, closed or dropped in any thread. The thread ends soon after the last window is closed,
+and a process that has closed all may be forked.
 """
 
 import atexit
@@ -10,12 +10,13 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any, Protocol, TypeVar
 
 T = TypeVar("T")
 Answer = SimpleQueue[tuple[bool, Any]]
-ENDING = 10.0  # s that the end of the process waits for a picture in the making
+LINGER = 1.0  # s that the thread, and what ``Studio.at_rest`` gives back, waits for another window
+PATIENCE = 10.0  # s that the end of the process, or a fork, waits for the thread to end
 
 
 class Drawing(Protocol):
@@ -33,22 +34,29 @@ class Drawing(Protocol):
 
 
 class Studio:
-    """Runs jobs one after the other, in a thread of its own (in the main thread on macOS, as its windows must)."""
+    """Runs jobs one after the other, in a thread of its own (in the main thread on macOS, as its windows must).
 
-    def __init__(self) -> None:
+    Args:
+        at_rest: called in the thread when nothing is open any more.
+    """
+
+    def __init__(self, at_rest: Callable[[], None]) -> None:
+        self._at_rest, self._in_main = at_rest, sys.platform == "darwin"
         self._lock = threading.RLock()  # reentrant, since a garbage collection may discard in the midst of anything
-        self._jobs: SimpleQueue[tuple[Drawing, Callable[[], Any], Answer]] = SimpleQueue()
+        self._jobs: SimpleQueue[tuple[Drawing, Callable[[], Any], Answer] | None] = SimpleQueue()
         self._open: set[Drawing] = set()
         self._thread: threading.Thread | None = None
         self._ended = self._orphaned = False
-        self._in_main = sys.platform == "darwin"
+        atexit.register(self._end)
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(before=self._leave, after_in_child=self._forked)
 
     def run(self, drawing: Drawing, job: Callable[[], T]) -> T:
         """What ``job``, which uses ``drawing``, returns or raises.
 
         Raises:
-            RuntimeError: in a forked process whose parent had a window open, at the end of the process, or, on macOS, in
-                another thread than the main one.
+            RuntimeError: in a forked process whose parent had a window open, at the end of the process, or, on macOS,
+                in another thread than the main one.
         """
         refusal = self._refusal()
         if refusal is not None:
@@ -62,12 +70,9 @@ class Studio:
             if not self._in_main and self._thread is None:
                 self._thread = threading.Thread(target=self._work, name="minicloth-studio", daemon=True)
                 self._thread.start()
-            thread = self._thread
-        if thread is None:
+        if self._in_main:
             self._work()
         done, value = answer.get()
-        if thread is not None and self._thread is not thread:
-            thread.join()  # it has nothing left to do
         if done:
             return value
         try:
@@ -92,38 +97,55 @@ class Studio:
         """Why this thread of this process may not draw, or None."""
         if self._orphaned:
             return (
-                "this process was forked while its parent had a picture open, which drawing does not survive: start it with "
-                'multiprocessing.get_context("spawn") or "forkserver" (AsyncVectorEnv takes context="spawn"), or close() '
-                "what has drawn before the fork"
+                "this process was forked while its parent had a picture open, which drawing does not survive: start it "
+                'with multiprocessing.get_context("spawn") or "forkserver" (AsyncVectorEnv takes context="spawn"), or '
+                "close() what has drawn before the fork"
             )
         if self._ended:
             return "the process is ending: draw before that"
-        if self._in_main and threading.current_thread() is not threading.main_thread():
+        name = threading.current_thread().name
+        if self._in_main and name != threading.main_thread().name:
             return (
-                f"on macOS pictures are drawn in the main thread only, this one is {threading.current_thread().name!r}: "
-                "call render() in the main thread, or use processes"
+                f"on macOS pictures are drawn in the main thread only, and this one is {name!r}: call render() in the "
+                "main thread, or use processes"
             )
         return None
 
     def _work(self) -> None:
-        """Do jobs until nothing is open, or, in the main thread, until none is left."""
+        """Do jobs until nothing is open and none comes; in the main thread, until none is left."""
         while True:
-            drawing, job, answer = self._jobs.get()
             try:
-                outcome: tuple[bool, Any] = True, job()
-            except BaseException as error:
-                traceback.clear_frames(error.__traceback__)  # or what is in them would be freed in another thread
-                outcome = False, error
+                task = self._jobs.get(timeout=0.0 if self._in_main else LINGER)
+            except Empty:
+                task = None
+            if task is not None:
+                self._do(*task)
+                del task  # with all that hangs on it
+                continue
+            if not self._open:
+                self._at_rest()
             with self._lock:
-                if not drawing.is_open:
-                    self._open.discard(drawing)
-                idle = self._jobs.empty() and (self._in_main or not self._open)
-                if idle:
+                if self._jobs.empty() and (self._in_main or not self._open):
                     self._thread = None
-            answer.put(outcome)
-            del drawing, job, answer, outcome
-            if idle:
-                return
+                    return
+
+    def _do(self, drawing: Drawing, job: Callable[[], Any], answer: Answer) -> None:
+        try:
+            outcome: tuple[bool, Any] = True, job()
+        except BaseException as error:
+            traceback.clear_frames(error.__traceback__)  # or what is in them would be freed in another thread
+            outcome = False, error
+        with self._lock:
+            if not drawing.is_open:
+                self._open.discard(drawing)
+        answer.put(outcome)
+
+    def _leave(self) -> None:
+        """End the thread now if nothing is open."""
+        thread = self._thread
+        if thread is not None and thread is not threading.current_thread() and not self._open:
+            self._jobs.put(None)
+            thread.join(PATIENCE)
 
     def _end(self) -> None:
         """Close what is open, at the end of the process."""
@@ -132,20 +154,15 @@ class Studio:
             self.discard(drawing)
         thread = self._thread
         if thread is not None:
-            thread.join(ENDING)
-        elif not self._jobs.empty():
+            self._jobs.put(None)
+            thread.join(PATIENCE)
+        elif self._in_main:
             self._work()
 
     def _forked(self) -> None:
         """In a new child: the thread is not there, and the parent's windows hang whoever touches them."""
         lost = list(self._open)
         self._lock, self._jobs, self._open, self._thread = threading.RLock(), SimpleQueue(), set(), None
-        self._orphaned = bool(lost)
+        self._orphaned = self._orphaned or bool(lost)
         for drawing in lost:
             drawing.abandon()
-
-
-STUDIO = Studio()
-atexit.register(STUDIO._end)
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=STUDIO._forked)
