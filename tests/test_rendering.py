@@ -8,8 +8,7 @@ import pytest
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.rendering import Camera, Renderer, framing
-from cloth_envs.rendering import renderer as renderer_module
+from cloth_envs.rendering import Camera, Renderer, canvas, framing
 from cloth_envs.rendering.sheet import normals, vertex_strain
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import State
@@ -102,12 +101,12 @@ def test_member_selects_one_cloth_of_a_batch(flag):
 def test_one_plotter_serves_every_picture(flag):
     drawer, state = flag
     drawer.draw(state)
-    plotter, actors = drawer._plotter, len(drawer._plotter.actors)
+    plotter, actors = drawer._canvas.plotter, len(drawer._canvas.plotter.actors)
     for _ in range(3):
         state.positions[:, 1] += 0.01
         drawer.draw(state)
         drawer.depth(state)
-    assert drawer._plotter is plotter
+    assert drawer._canvas.plotter is plotter
     assert len(plotter.actors) == actors
 
 
@@ -117,7 +116,7 @@ def test_depth_is_where_rays_meet_the_sheet_and_the_ground():
     camera = Camera((0.5, -2.5, 3.0), (0.5, -0.5, 1.0))
     drawer = Renderer(Scene("Flat", grid, Material(), 0.02), camera=camera, **SIZE)
     depth = drawer.depth(state)
-    near, ground = drawer._plotter.camera.clipping_range[0], drawer._views[0].ground.height
+    near, ground = drawer._canvas.plotter.camera.clipping_range[0], drawer._canvas.views[0].ground.height
     np.testing.assert_array_equal(drawer.depth(state), depth)
     drawer.close()
     assert depth.shape == (120, 160)
@@ -183,13 +182,13 @@ def test_the_camera_follows_handles_that_move_far():
     for camera, follows in ((None, True), (Camera((0.0, -5.0, 1.0), (0.0, 0.0, 1.0)), False)):
         drawer = Renderer(scene, camera=camera, **SIZE)
         drawer.draw(state)
-        start = np.array(drawer._plotter.camera.position)
+        start = np.array(drawer._canvas.plotter.camera.position)
         for way in (0.5 * slack, 2.0):
             moved = state.copy()
             moved.positions[:, 0] += way
             drawer.draw(moved)
             expected = [max(0.0, way - slack) * follows, 0.0, 0.0]
-            np.testing.assert_allclose(drawer._plotter.camera.position - start, expected, atol=1e-6)
+            np.testing.assert_allclose(drawer._canvas.plotter.camera.position - start, expected, atol=1e-6)
         drawer.close()
 
 
@@ -256,9 +255,9 @@ def test_bad_input_is_refused(flag):
 
 def test_a_missing_library_says_what_to_install(flag, monkeypatch):
     drawer, state = flag
-    monkeypatch.setattr(renderer_module, "find_library", lambda name: None)
+    monkeypatch.setattr(canvas, "find_library", lambda name: None)
     with pytest.raises(ImportError, match="apt-get install libegl1"):
-        renderer_module.check_window("vtkOSOpenGLRenderWindow")
+        canvas.check_window("vtkOSOpenGLRenderWindow")
     monkeypatch.setitem(sys.modules, "pyvista", None)
     with pytest.raises(ImportError, match=r'pip install -e "\.\[render\]"'):
         drawer.draw(state)

@@ -15,7 +15,7 @@ from cloth_envs.policies import open_loop
 from cloth_envs.progress import announce, progress
 from cloth_envs.registry import load_task
 from cloth_envs.rendering import Renderer
-from cloth_envs.rendering.renderer import CAPTION_HEIGHT, import_pyvista
+from cloth_envs.rendering.canvas import CAPTION_HEIGHT, import_pyvista
 from cloth_envs.style import import_figure
 
 VIEW = 480, 480  # pixels of one picture

@@ -12,7 +12,7 @@ from cloth_envs.extras import install
 from cloth_envs.files import check_file, check_folder, replacing
 from cloth_envs.progress import progress
 from cloth_envs.rendering import Camera, Renderer, framing
-from cloth_envs.rendering.renderer import import_pyvista
+from cloth_envs.rendering.canvas import import_pyvista
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 

@@ -1,49 +1,15 @@
 """``Renderer``: frames and depth images of a ``State``, offscreen, with one plotter for all of them."""
 
-import os
-import sys
+import weakref
 from collections.abc import Sequence
-from ctypes.util import find_library
-from typing import Any
+from functools import partial
 
 import numpy as np
 
-from cloth_envs.extras import install
-from cloth_envs.rendering import framing, look
+from cloth_envs.rendering.canvas import STUDIO, Canvas
 from cloth_envs.rendering.framing import Camera
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
-from cloth_envs.style import INK
-
-CAPTION_HEIGHT = 34  # pixels kept free for a caption
-LIBRARIES = "apt-get install libegl1 libgl1 libgl1-mesa-dri libxrender1"  # what a bare Linux lacks
-
-
-def import_pyvista() -> Any:
-    """PyVista, set to render through EGL on Linux so that no display is needed.
-
-    Raises:
-        ImportError: PyVista or a library that it loads is missing; says what to install.
-    """
-    if sys.platform.startswith("linux"):
-        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
-    try:
-        import pyvista
-    except ImportError as error:
-        raise ImportError(
-            f"rendering needs PyVista ({error}): {install('render')}, and on a bare Linux also {LIBRARIES}"
-        ) from error
-    return pyvista
-
-
-def check_window(class_name: str) -> None:
-    """Refuse VTK's last resort, OSMesa, when that library is missing too: drawing would crash.
-
-    Raises:
-        ImportError: neither EGL nor OSMesa; says what to install.
-    """
-    if class_name == "vtkOSOpenGLRenderWindow" and find_library("OSMesa") is None:
-        raise ImportError(f"rendering found no working EGL library: {LIBRARIES}")
 
 
 class Renderer:
@@ -51,7 +17,8 @@ class Renderer:
 
     The first picture decides the camera, the ground and each view's resolution; later ones only move what
     is there. The camera keeps its direction and goes along only when the handles (or, without handles, the
-    bodies) move further than a quarter of the cloth's size. Use it with one thread at a time.
+    bodies) move further than a quarter of the cloth's size. Any thread may use it, several one after the other;
+    a renderer that is dropped gives back all it holds, as ``close`` does.
 
     Args:
         scene: what is drawn; a state may have another resolution than its grid.
@@ -87,10 +54,9 @@ class Renderer:
         if captions is not None and len(captions) != views:
             raise ValueError(f"got {len(captions)} captions for {views} views; give one caption a view")
         self.scene, self.width, self.height, self.views = scene, int(width), int(height), int(views)
-        self.captions, self.camera = captions, camera
-        self.strain_range = strain_range if color == "strain" else None
-        self._plotter: Any = None
-        self._views: list[Any] = []
+        strain = strain_range if color == "strain" else None
+        self._canvas = Canvas(scene, self.width, self.height, captions, strain, camera)
+        weakref.finalize(self, STUDIO.discard, self._canvas).atexit = False
 
     def draw(self, states: State | Sequence[State], *, member: int = 0) -> np.ndarray:
         """A picture ``(height, width, 3)`` uint8 of one member of each of ``views`` states.
@@ -99,10 +65,9 @@ class Renderer:
             ValueError: another number of states than views, another resolution than in the first picture,
                 or positions that are not finite.
             ImportError: PyVista or EGL is missing; says what to install.
+            RuntimeError: a process that can't draw, since it was forked or is ending; on macOS, a thread that can't.
         """
-        self._show(states, member)
-        self._plotter.render()
-        return np.array(self._plotter.screenshot(None, return_img=True)[..., :3])
+        return STUDIO.run(self._canvas, partial(self._canvas.draw, self._checked(states, member), member))
 
     def depth(self, state: State, *, member: int = 0) -> np.ndarray:
         """Distance [m] from the camera's plane ``(height, width)`` float32, ``inf`` where nothing is.
@@ -115,30 +80,14 @@ class Renderer:
         """
         if self.views != 1:
             raise ValueError(f"depth needs a renderer with views=1, this one has {self.views}")
-        self._show(state, member)
-        from vtkmodules.vtkCommonCore import vtkFloatArray
-
-        view, plotter = self._views[0], self._plotter
-        view.solid_only(True)
-        plotter.renderer.SetUseFXAA(False)
-        plotter.renderer.ResetCameraClippingRange()
-        plotter.render()
-        # Plotter.get_image_depth converts in float32, where the empty background can't be told from far things.
-        buffer: Any = vtkFloatArray()  # an array to NumPy, unknown to its stubs
-        plotter.render_window.GetZbufferData(0, 0, self.width - 1, self.height - 1, buffer)
-        z = np.frombuffer(buffer, np.float32).astype(float).reshape(self.height, self.width)[::-1]
-        near, far = plotter.camera.clipping_range
-        view.solid_only(False)
-        plotter.renderer.SetUseFXAA(True)
-        return np.where(z < 1, near * far / (far - z * (far - near)), np.inf).astype(np.float32)
+        return STUDIO.run(self._canvas, partial(self._canvas.depth, self._checked(state, member)[0], member))
 
     def close(self) -> None:
         """Free the plotter; calling it again does nothing."""
-        if self._plotter is not None:
-            self._plotter.close()
-            self._plotter, self._views = None, []
+        STUDIO.close(self._canvas)
 
-    def _show(self, states: State | Sequence[State], member: int) -> None:
+    def _checked(self, states: State | Sequence[State], member: int) -> list[State]:
+        """As many as there are views, each finite and computed."""
         states = [states] if isinstance(states, State) else list(states)
         if len(states) != self.views:
             raise ValueError(
@@ -147,45 +96,4 @@ class Renderer:
         for state in states:
             if not (np.isfinite(state.positions[member]).all() and np.isfinite(state.colliders[member]).all()):
                 raise ValueError("the state's positions are not finite; draw the last finite state instead")
-        if self._plotter is None:
-            self._build(states, member)
-        for view, state in zip(self._views, states, strict=True):
-            view.update(state, member)
-        for renderer in self._plotter.renderers:
-            renderer.ResetCameraClippingRange()
-
-    def _build(self, states: list[State], member: int) -> None:
-        pv = import_pyvista()
-        from cloth_envs.rendering.view import View
-
-        theme = pv.themes.Theme()
-        theme.anti_aliasing, theme.multi_samples = None, 1
-        plotter = pv.Plotter(
-            off_screen=True,
-            window_size=[self.width, self.height],
-            shape=(1, self.views),
-            border=False,
-            lighting="none",
-            theme=theme,
-        )
-        check_window(plotter.render_window.GetClassName())
-        scenes = [framing.at_resolution(self.scene, state.positions.shape[2:]) for state in states]
-        boxes = np.stack([framing.reach(scene, state, member) for scene, state in zip(scenes, states, strict=True)])
-        box = np.stack([boxes[:, 0].min(0), boxes[:, 1].max(0)])
-        corners = np.array(np.meshgrid(*box.T)).reshape(3, -1).T
-        towards, below = framing.direction(scenes[0], states[0], member), CAPTION_HEIGHT / self.height
-        aspect = self.width / self.views / self.height
-        camera = self.camera or framing.fit(corners, towards, aspect, below if self.captions else 0.0)
-        follow, strain = self.camera is None, self.strain_range
-        views = []
-        for index, (scene, state) in enumerate(zip(scenes, states, strict=True)):
-            plotter.subplot(0, index)
-            views.append(View(pv, plotter, scene, state, member, box, camera, follow=follow, strain_range=strain))
-            if self.captions:
-                plotter.add_text(self.captions[index], position="lower_edge", font_size=9, color=INK)
-            look.smooth_edges(plotter.renderer)
-        if self.strain_range is not None:
-            mapper, wide = views[-1].sheet.actor.mapper, self.width / self.views
-            plotter.add_scalar_bar("strain (%)\n", mapper=mapper, width=46 / wide, position_x=1 - 64 / wide, **look.BAR)
-        plotter.show(auto_close=False, interactive=False)
-        self._plotter, self._views = plotter, views
+        return states

@@ -1,0 +1,180 @@
+"""``Canvas``: PyVista's plotter and what stands in it; used in the studio only."""
+
+import ctypes
+import os
+import sys
+from collections.abc import Sequence
+from ctypes.util import find_library
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from cloth_envs.extras import install
+from cloth_envs.rendering import framing, look
+from cloth_envs.rendering.framing import Camera
+from cloth_envs.rendering.studio import Studio
+from cloth_envs.scene import Scene
+from cloth_envs.state import State
+from cloth_envs.style import INK
+
+CAPTION_HEIGHT = 34  # pixels kept free for a caption
+LIBRARIES = "apt-get install libegl1 libgl1 libgl1-mesa-dri libxrender1"  # what a bare Linux lacks
+
+
+def import_pyvista() -> Any:
+    """PyVista, set to render through EGL on Linux so that no display is needed.
+
+    Raises:
+        ImportError: PyVista or a library that it loads is missing; says what to install.
+    """
+    if sys.platform.startswith("linux"):
+        os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+    try:
+        import pyvista
+    except ImportError as error:
+        raise ImportError(
+            f"rendering needs PyVista ({error}): {install('render')}, and on a bare Linux also {LIBRARIES}"
+        ) from error
+    return pyvista
+
+
+def check_window(class_name: str) -> None:
+    """Refuse VTK's last resort, OSMesa, when that library is missing too: drawing would crash.
+
+    Raises:
+        ImportError: neither EGL nor OSMesa; says what to install.
+    """
+    if class_name == "vtkOSOpenGLRenderWindow" and find_library("OSMesa") is None:
+        raise ImportError(f"rendering found no working EGL library: {LIBRARIES}")
+
+
+_spare: dict[tuple[int, int, int], Any] = {}  # the plotter closed last, empty, by its width, height and views
+
+
+def empty_plotter(pv: Any, size: tuple[int, int, int]) -> tuple[Any, bool]:
+    """A plotter of ``size`` without anything in it, and whether it has been shown: the spare one, or a new one.
+
+    Windows that come and go leave 24 kB of compiled code each in Mesa, and holes of 8 MB in the heap.
+    """
+    if size in _spare:
+        return _spare.pop(size), True
+    theme = pv.themes.Theme()
+    theme.anti_aliasing, theme.multi_samples = None, 1
+    plotter = pv.Plotter(
+        off_screen=True, window_size=list(size[:2]), shape=(1, size[2]), border=False, lighting="none", theme=theme
+    )
+    pv.plotting.plotter._ALL_PLOTTERS.pop(plotter._id_name, None)  # or pyvista.close_all() would close it anywhere
+    check_window(plotter.render_window.GetClassName())
+    return plotter, False
+
+
+def close_spare() -> None:
+    """Give back the spare plotter."""
+    while _spare:
+        _spare.popitem()[1].close()
+
+
+STUDIO = Studio(close_spare)
+
+
+@dataclass(eq=False)
+class Canvas:
+    """One plotter, made with the first picture; its arguments are those of ``Renderer``."""
+
+    scene: Scene
+    width: int
+    height: int
+    captions: Sequence[str] | None
+    strain_range: float | None
+    camera: Camera | None
+    plotter: Any = None
+    views: list[Any] = field(default_factory=list)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is a window."""
+        return self.plotter is not None
+
+    def draw(self, states: Sequence[State], member: int) -> np.ndarray:
+        """See ``Renderer.draw``."""
+        self._show(states, member)
+        self.plotter.render()
+        return np.array(self.plotter.screenshot(None, return_img=True)[..., :3])
+
+    def depth(self, state: State, member: int) -> np.ndarray:
+        """See ``Renderer.depth``."""
+        self._show([state], member)
+        from vtkmodules.vtkCommonCore import vtkFloatArray
+
+        view, plotter = self.views[0], self.plotter
+        view.solid_only(True)
+        plotter.renderer.SetUseFXAA(False)
+        plotter.renderer.ResetCameraClippingRange()
+        plotter.render()
+        # Plotter.get_image_depth converts in float32, where the empty background can't be told from far things.
+        buffer: Any = vtkFloatArray()  # an array to NumPy, unknown to its stubs
+        plotter.render_window.GetZbufferData(0, 0, self.width - 1, self.height - 1, buffer)
+        z = np.frombuffer(buffer, np.float32).astype(float).reshape(self.height, self.width)[::-1]
+        near, far = plotter.camera.clipping_range
+        view.solid_only(False)
+        plotter.renderer.SetUseFXAA(True)
+        return np.where(z < 1, near * far / (far - z * (far - near)), np.inf).astype(np.float32)
+
+    def close(self) -> None:
+        """Free the plotter; calling it again does nothing."""
+        if self.plotter is not None:
+            plotter, self.plotter, self.views = self.plotter, None, []
+            plotter.clear()
+            close_spare()
+            _spare[self._size(len(plotter.renderers))] = plotter
+
+    def abandon(self) -> None:
+        """Keep the windows for ever: in a forked process both Python and VTK would hang when they free them at the end."""
+        plotters = [*_spare.values(), *([] if self.plotter is None else [self.plotter])]
+        for plotter in plotters:
+            plotter.render_window.Register(None)
+        for kept in (self, plotters):
+            ctypes.pythonapi.Py_IncRef(ctypes.py_object(kept))
+
+    def _size(self, views: int) -> tuple[int, int, int]:
+        return self.width, self.height, views
+
+    def _show(self, states: Sequence[State], member: int) -> None:
+        if self.plotter is None:
+            try:
+                self._build(states, member)
+            except BaseException:
+                self.close()
+                raise
+        for view, state in zip(self.views, states, strict=True):
+            view.update(state, member)
+        for renderer in self.plotter.renderers:
+            renderer.ResetCameraClippingRange()
+
+    def _build(self, states: Sequence[State], member: int) -> None:
+        pv = import_pyvista()
+        from cloth_envs.rendering.view import View
+
+        count = len(states)
+        self.plotter, shown = empty_plotter(pv, self._size(count))
+        plotter = self.plotter
+        scenes = [framing.at_resolution(self.scene, state.positions.shape[2:]) for state in states]
+        boxes = np.stack([framing.reach(scene, state, member) for scene, state in zip(scenes, states, strict=True)])
+        box = np.stack([boxes[:, 0].min(0), boxes[:, 1].max(0)])
+        corners = np.array(np.meshgrid(*box.T)).reshape(3, -1).T
+        towards, below = framing.direction(scenes[0], states[0], member), CAPTION_HEIGHT / self.height
+        aspect = self.width / count / self.height
+        camera = self.camera or framing.fit(corners, towards, aspect, below if self.captions else 0.0)
+        follow, strain = self.camera is None, self.strain_range
+        for index, (scene, state) in enumerate(zip(scenes, states, strict=True)):
+            plotter.subplot(0, index)
+            self.views.append(View(pv, plotter, scene, state, member, box, camera, follow=follow, strain_range=strain))
+            if self.captions:
+                plotter.add_text(self.captions[index], position="lower_edge", font_size=9, color=INK)
+            look.smooth_edges(plotter.renderer)
+        if strain is not None:
+            mapper, wide = self.views[-1].sheet.actor.mapper, self.width / count
+            plotter.add_scalar_bar("strain (%)\n", mapper=mapper, width=46 / wide, position_x=1 - 64 / wide, **look.BAR)
+        if not shown:
+            plotter.show(auto_close=False, interactive=False)
