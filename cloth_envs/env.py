@@ -1,6 +1,5 @@
 """The single Gymnasium environment."""
 
-from html import escape
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -89,26 +88,6 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
     def time(self) -> float:
         """Simulated time since the reset [s]."""
         return float(self.state.time[0])
-
-    def __repr__(self) -> str:
-        return f"<ClothEnv {', '.join(self._numbers().values())}>"
-
-    def _repr_html_(self) -> str:
-        """For notebooks: a small picture and the numbers."""
-        if not self.world.begun:
-            return f"<pre>{escape(repr(self))}</pre>"
-        from cloth_envs.rendering.notebook import card
-
-        return card(self.scene, self.state, self._numbers())
-
-    def _numbers(self) -> dict[str, str]:
-        grid, world = self.scene.grid, self.world
-        known = {"scene": f"{self.scene.name} {grid.rows}x{grid.cols}", "backend": world.physics}
-        if not world.begun:
-            return known | {"frame": "not reset yet"}
-        strain = world.failures.strain(world.state)[0]
-        now = f"frame {world.frames[0]}, {self.time:g} s"
-        return known | {"frame": now, "strain": f"largest strain {100 * strain:.3g} %"}
 
     def set_positions(self, positions: np.ndarray, velocities: np.ndarray | None = None) -> None:
         """Place the cloth: ``(3, H, W)`` [m] and [m/s] (default at rest). Goals, bodies and time stay.

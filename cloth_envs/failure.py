@@ -23,10 +23,6 @@ class Failures:
         then = self._inspect(before)
         return [self._reason(a[0], a[1], a[2] - b[2]) for a, b in zip(now, then, strict=True)]
 
-    def strain(self, state: State) -> list[float]:
-        """The largest of an edge, for each member of the batch."""
-        return [strain for _, strain, _ in self._inspect(state)]
-
     def _inspect(self, state: State) -> list[tuple[bool, float, float]]:
         g = self.grid
         return inspect(state.positions, state.velocities, g.row_spacing, g.col_spacing, g.periodic)

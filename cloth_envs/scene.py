@@ -71,10 +71,6 @@ class Scene:
     gravity: float = GRAVITY
     particles: Particles | None = None
 
-    def __repr__(self) -> str:
-        g = self.grid
-        return f"<Scene {self.name}, {g.rows}x{g.cols} vertices, {g.height:g} x {g.width:g} m>"
-
     def with_material(self, material: Material) -> "Scene":
         return replace(self, material=material)
 

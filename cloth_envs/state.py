@@ -44,9 +44,6 @@ class State:
             time=np.zeros(batch),
         )
 
-    def __repr__(self) -> str:
-        return f"<State of {self.batch} x {_size(self.positions)} vertices, {_times(self.time)}>"
-
     @property
     def batch(self) -> int:
         return len(self.time)
@@ -77,15 +74,6 @@ class State:
             value[which] = getattr(other, name)
 
 
-def _size(positions: np.ndarray) -> str:
-    return "x".join(map(str, positions.shape[2:]))
-
-
-def _times(time: np.ndarray) -> str:
-    ends = [f"{t:.4g}" for t in ((time.min(), time.max()) if time.size else ())]
-    return f"time {' to '.join(dict.fromkeys(ends))} s"
-
-
 def _locked(array: np.ndarray) -> np.ndarray:
     view = array.view()
     view.flags.writeable = False
@@ -109,10 +97,6 @@ class LazyState(State):
         self._velocities: np.ndarray | None = None
         self.colliders, self.collider_velocities = known.colliders, known.collider_velocities
         self.wind, self.pressure, self.time = known.wind, known.pressure, known.time
-
-    def __repr__(self) -> str:
-        cloth = "not computed yet" if self._positions is None else f"{_size(self._positions)} vertices"
-        return f"<LazyState of {self.batch} cloths, {cloth}, {_times(self.time)}>"
 
     @property
     def positions(self) -> np.ndarray:  # type: ignore[override]
@@ -155,10 +139,6 @@ class Controls:
     collider_velocities: np.ndarray
     wind: np.ndarray
     pressure: np.ndarray
-
-    def __repr__(self) -> str:
-        batch, handles = self.handle_positions.shape[:2]
-        return f"<Controls of {batch} cloths, {handles} handles, {self.colliders.shape[1]} bodies>"
 
     @classmethod
     def hold(cls, state: State, handles: tuple[int, ...]) -> "Controls":

@@ -33,7 +33,6 @@ class World:
     Attributes:
         controls: what the last ``step`` gave to the backend; None before the first.
         rewards: what it returned, ``(B,)``.
-        physics: the backend and its options in a line, whatever the threads.
 
     Raises:
         ValueError: unknown scene, preset, backend, fabric, property or observation (the nearest match is
@@ -79,7 +78,7 @@ class World:
         warn_unusual(material, self.ranges)
         self._identity = identity(task_class, self.scene)
         own = {name: value for name, value in chosen.items() if name != "threads"}
-        self.physics = backend + (f"={json.dumps(own, sort_keys=True, default=repr)}" if own else "")
+        self._physics = f"{backend} {json.dumps(own, sort_keys=True, default=repr)}"
         self.num_envs, self.obs = num_envs, obs
         self.failures = Failures(self.scene, self.task.max_strain)
         self.rngs: list[np.random.Generator | None] = [None] * num_envs
@@ -103,9 +102,6 @@ class World:
             limits = {"mesh": mesh, "task": bound[-k:]}
             self.observation_space = spaces.Dict({n: spaces.Box(-b, b, dtype=np.float32) for n, b in limits.items()})
 
-    def __repr__(self) -> str:
-        return f"<World of {self.num_envs} x {self.scene.name}, {self.scene.grid.rows}x{self.scene.grid.cols} vertices>"
-
     def _check_material(self, material: Material) -> None:
         """Refuse what the backend can't step, where it says so. Raises ValueError: see ``Backend.check_material``."""
         check = getattr(self.backend, "check_material", None)
@@ -121,11 +117,6 @@ class World:
                 self._check_material(self.scene.material.with_changes(**changes))
             except ValueError as error:
                 raise ValueError(f"randomize allows {changes}, which can't be stepped: {error}") from error
-
-    @property
-    def begun(self) -> bool:
-        """Whether there is a cloth yet."""
-        return self._episode is not None
 
     @property
     def episode(self) -> Episode:
@@ -229,7 +220,7 @@ class World:
         """See ``ClothEnv.get_state``."""
         memory, own = self.episode.memory, self.backend.memory
         saved = Snapshot(self.state, memory, own, self.frames, self.materials, self.rngs).arrays()
-        return saved | {"scene": np.array(self._identity), "backend": np.array(self.physics)}
+        return saved | {"scene": np.array(self._identity), "backend": np.array(self._physics)}
 
     def set_state(self, saved: Mapping[str, np.ndarray]) -> None:
         """Continue from what ``get_state`` gave, bit for bit on the same backend.
@@ -241,7 +232,7 @@ class World:
             ValueError: something is missing, not finite or of another shape, the state belongs to another scene,
                 preset, resolution or number of environments, or its material can't be stepped; nothing has changed.
         """
-        begun = self.begun
+        begun = self._episode is not None
         if not begun:  # what a state must hold is told by one
             self.reset({i: np.random.default_rng(0) for i in range(self.num_envs)})
         try:
@@ -259,7 +250,7 @@ class World:
 
     def __getstate__(self) -> dict[str, Any]:
         """What makes it again, since a backend need not know how to copy itself: arguments and state."""
-        begun = self.begun
+        begun = self._episode is not None
         named = BACKENDS.get(self._arguments["backend"])
         return {
             "arguments": self._arguments,
@@ -285,7 +276,7 @@ class World:
         parts = dict(saved)
         check_scene(parts.pop("scene", None), self._identity)
         own = {name: value.shape for name, value in self.backend.memory.items()}
-        same = str(parts.pop("backend", None)) == self.physics
+        same = str(parts.pop("backend", None)) == self._physics
         snapshot = read(parts, shapes(self.scene, self.num_envs, self.episode.memory), own)
         if same and len(snapshot.own) < len(own):
             raise ValueError(f"this state lacks what the backend remembers ({', '.join(own)}), or it has other shapes")

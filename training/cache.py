@@ -3,7 +3,6 @@
 import hashlib
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
 from io import BytesIO
 from pathlib import Path
 
@@ -19,14 +18,11 @@ def cache_folder(kind: str, given: Path | None = None) -> Path:
 
 
 def digest(*parts: object) -> str:
-    """Sixteen digits that tell ``parts``: arrays, bytes and dataclasses by their content, others by their ``repr``."""
+    """Sixteen digits that tell ``parts``: arrays and bytes by their content, anything else by its ``repr``."""
     total = hashlib.sha256()
     for part in parts:
         if isinstance(part, np.ndarray):
             part = np.ascontiguousarray(part).tobytes()
-        elif is_dataclass(part):
-            values = ", ".join(f"{field.name}={getattr(part, field.name)!r}" for field in fields(part))
-            part = f"{type(part).__qualname__}({values})".encode()
         total.update(part if isinstance(part, bytes) else repr(part).encode())
     return total.hexdigest()[:16]
 
