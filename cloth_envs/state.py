@@ -48,6 +48,10 @@ class State:
     def batch(self) -> int:
         return len(self.time)
 
+    def __repr__(self) -> str:
+        rows, cols = self.positions.shape[2:]
+        return f"<State of {self.batch} x {rows}x{cols} {self.positions.dtype}, time {_span(self.time)} s>"
+
     def copy(self) -> "State":
         return State(**{name: value.copy() for name, value in self.arrays().items()})
 
@@ -70,6 +74,14 @@ class State:
             value[which] = getattr(other, name)
 
 
+def _span(values: np.ndarray) -> str:
+    """What they all are, or the range they lie in."""
+    if not len(values):
+        return "none"
+    low, high = values.min(), values.max()
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
+
+
 class LazyState(State):
     """A state whose cloth is computed when it is first read, and then kept; everything else is that of ``known``.
 
@@ -87,6 +99,10 @@ class LazyState(State):
         self._velocities: np.ndarray | None = None
         self.colliders, self.collider_velocities = known.colliders, known.collider_velocities
         self.wind, self.pressure, self.time = known.wind, known.pressure, known.time
+
+    def __repr__(self) -> str:  # computes nothing
+        read = "not read so far" if self._positions is None else "read"
+        return f"<LazyState of {self.batch}, {read}, time {_span(self.time)} s>"
 
     @property
     def positions(self) -> np.ndarray:  # type: ignore[override]

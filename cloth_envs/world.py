@@ -30,6 +30,7 @@ class World:
 
     Attributes:
         controls: what the last ``step`` gave to the backend; None before the first.
+        title: scene, resolution and backend in a few words.
 
     Raises:
         ValueError: unknown scene, preset, backend, fabric, property or observation (the nearest match is
@@ -67,6 +68,7 @@ class World:
             backend_kwargs = {**solver_of(preset), **(backend_kwargs or {})}
         self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=backend_kwargs)
         self.num_envs, self.obs = num_envs, obs
+        self.title = f"{self.scene.name} {self.scene.grid} {backend}"
         self.failures = Failures(self.scene, self.task.max_strain)
         self.rngs: list[np.random.Generator | None] = [None] * num_envs
         self.materials = [base] * num_envs
@@ -87,6 +89,22 @@ class World:
             mesh = np.broadcast_to(limit[:, None, None], (6, *self.scene.grid.shape))
             limits = {"mesh": mesh, "task": bound[-k:]}
             self.observation_space = spaces.Dict({n: spaces.Box(-b, b, dtype=np.float32) for n, b in limits.items()})
+
+    def __repr__(self) -> str:
+        return f"<World {self.title}, {self.num_envs} environments, {self.progress}>"
+
+    @property
+    def started(self) -> bool:
+        """Whether there is a cloth."""
+        return self._episode is not None
+
+    @property
+    def progress(self) -> str:
+        """The frames since the reset, as text."""
+        if not self.started:
+            return "before reset()"
+        low, high = self.frames.min(), self.frames.max()
+        return f"frame {low}" if low == high else f"frames {low} to {high}"
 
     @property
     def episode(self) -> Episode:

@@ -144,8 +144,10 @@ class Canvas:
         if self.plotter is None:
             try:
                 self._build(states, member)
-            except BaseException:
-                self.close()
+            except BaseException:  # half of a picture serves nobody
+                if self.plotter is not None:
+                    self.plotter.close()
+                self.plotter, self.views = None, []
                 raise
         for view, state in zip(self.views, states, strict=True):
             view.update(state, member)
