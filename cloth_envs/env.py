@@ -59,6 +59,14 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         self._renderer: Renderer | None = None
         self._limits = TimeLimits()
 
+    def __repr__(self) -> str:  # str() names the id, as Gymnasium's wrappers expect
+        return f"<ClothEnv {self.world.title}, {self.world.progress}>"
+
+    def _repr_html_(self) -> str:
+        from cloth_envs.rendering.notebook import card
+
+        return card(repr(self), self.scene, self.state if self.world.started else None)
+
     @property
     def scene(self) -> Scene:
         """The frozen ``Scene``; ``scene.describe()`` says what is modelled."""

@@ -40,6 +40,9 @@ class Grid:
         if not (0 < self.height < np.inf and 0 < self.width < np.inf):
             raise ValueError(f"grid sizes must be positive metres, got {self.height} x {self.width}")
 
+    def __str__(self) -> str:
+        return f"{self.rows}x{self.cols}"
+
     @property
     def shape(self) -> tuple[int, int]:
         """``(rows, cols)``."""

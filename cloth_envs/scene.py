@@ -81,6 +81,10 @@ class Scene:
             return np.full(self.grid.shape, self.particles.node_mass)
         return self.grid.areas * self.material.areal_density
 
+    def __repr__(self) -> str:
+        g = self.grid
+        return f"<Scene {self.name}, {g.height:g} x {g.width:g} m, {g}, frame {self.frame_dt * 1e3:g} ms>"
+
     def describe(self) -> str:
         """What is modelled and what is not, as text."""
         m, g, net = self.material, self.grid, self.particles

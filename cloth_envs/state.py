@@ -48,6 +48,10 @@ class State:
     def batch(self) -> int:
         return len(self.time)
 
+    def __repr__(self) -> str:
+        rows, cols = self.positions.shape[2:]
+        return f"<State of {self.batch} x {rows}x{cols} {self.positions.dtype}, time {_span(self.time)} s>"
+
     def copy(self) -> "State":
         return State(**{name: value.copy() for name, value in self.arrays().items()})
 
@@ -80,6 +84,14 @@ def _locked(array: np.ndarray) -> np.ndarray:
     return view
 
 
+def _span(values: np.ndarray) -> str:
+    """What they all are, or the range they lie in."""
+    if not len(values):
+        return "none"
+    low, high = values.min(), values.max()
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"
+
+
 class LazyState(State):
     """A state whose cloth is computed when it is first read, and then kept; everything else is that of ``known``.
 
@@ -97,6 +109,10 @@ class LazyState(State):
         self._velocities: np.ndarray | None = None
         self.colliders, self.collider_velocities = known.colliders, known.collider_velocities
         self.wind, self.pressure, self.time = known.wind, known.pressure, known.time
+
+    def __repr__(self) -> str:  # computes nothing
+        read = "not read so far" if self._positions is None else "read"
+        return f"<LazyState of {self.batch}, {read}, time {_span(self.time)} s>"
 
     @property
     def positions(self) -> np.ndarray:  # type: ignore[override]
@@ -139,6 +155,10 @@ class Controls:
     collider_velocities: np.ndarray
     wind: np.ndarray
     pressure: np.ndarray
+
+    def __repr__(self) -> str:
+        batch, handles = self.handle_positions.shape[:2]
+        return f"<Controls of {batch}, {handles} handles, {self.colliders.shape[1]} bodies>"
 
     @classmethod
     def hold(cls, state: State, handles: tuple[int, ...]) -> "Controls":

@@ -74,6 +74,9 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._ended = np.zeros(num_envs, bool)
 
+    def __repr__(self) -> str:
+        return f"<ClothVectorEnv {self.world.title}, {self.num_envs} environments, {self.world.progress}>"
+
     @property
     def scene(self) -> Scene:
         """The frozen ``Scene``."""

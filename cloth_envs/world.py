@@ -33,6 +33,7 @@ class World:
     Attributes:
         controls: what the last ``step`` gave to the backend; None before the first.
         rewards: what it returned, ``(B,)``.
+        title: scene, resolution and backend in a few words.
 
     Raises:
         ValueError: unknown scene, preset, backend, fabric, property or observation (the nearest match is
@@ -80,6 +81,7 @@ class World:
         own = {name: value for name, value in chosen.items() if name != "threads"}
         self._physics = f"{backend} {json.dumps(own, sort_keys=True, default=repr)}"
         self.num_envs, self.obs = num_envs, obs
+        self.title = f"{self.scene.name} {self.scene.grid} {backend}"
         self.failures = Failures(self.scene, self.task.max_strain)
         self.rngs: list[np.random.Generator | None] = [None] * num_envs
         self.materials = [base] * num_envs
@@ -101,6 +103,22 @@ class World:
             mesh = np.broadcast_to(limit[:, None, None], (6, *self.scene.grid.shape))
             limits = {"mesh": mesh, "task": bound[-k:]}
             self.observation_space = spaces.Dict({n: spaces.Box(-b, b, dtype=np.float32) for n, b in limits.items()})
+
+    def __repr__(self) -> str:
+        return f"<World {self.title}, {self.num_envs} environments, {self.progress}>"
+
+    @property
+    def started(self) -> bool:
+        """Whether there is a cloth."""
+        return self._episode is not None
+
+    @property
+    def progress(self) -> str:
+        """The frames since the reset, as text."""
+        if not self.started:
+            return "before reset()"
+        low, high = self.frames.min(), self.frames.max()
+        return f"frame {low}" if low == high else f"frames {low} to {high}"
 
     def _check_material(self, material: Material) -> None:
         """Refuse what the backend can't step, where it says so. Raises ValueError: see ``Backend.check_material``."""
@@ -232,13 +250,13 @@ class World:
             ValueError: something is missing, not finite or of another shape, the state belongs to another scene,
                 preset, resolution or number of environments, or its material can't be stepped; nothing has changed.
         """
-        begun = self._episode is not None
-        if not begun:  # what a state must hold is told by one
+        started = self.started
+        if not started:  # what a state must hold is told by one
             self.reset({i: np.random.default_rng(0) for i in range(self.num_envs)})
         try:
             snapshot = self._check_state(saved)
         except ValueError:
-            if not begun:
+            if not started:
                 self._episode, self.rngs = None, [None] * self.num_envs
             raise
         self.frames, self.materials = snapshot.frames, snapshot.materials
@@ -250,14 +268,13 @@ class World:
 
     def __getstate__(self) -> dict[str, Any]:
         """What makes it again, since a backend need not know how to copy itself: arguments and state."""
-        begun = self._episode is not None
         named = BACKENDS.get(self._arguments["backend"])
         return {
             "arguments": self._arguments,
             "factory": None if isinstance(named, str) else named,  # of ``register_backend``, for other processes
             "rngs": self.rngs,
-            "state": self.get_state() if begun else None,
-            "last": (self.episode.action, self.controls) if begun else None,
+            "state": self.get_state() if self.started else None,
+            "last": (self.episode.action, self.controls) if self.started else None,
         }
 
     def __setstate__(self, saved: dict[str, Any]) -> None:

@@ -3,6 +3,7 @@
 import hashlib
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
 from io import BytesIO
 from pathlib import Path
 
@@ -17,13 +18,21 @@ def cache_folder(kind: str, given: Path | None = None) -> Path:
     return given or home / "minicloth" / kind
 
 
+def spelled(value: object) -> str:
+    """The ``repr`` of ``value`` with every field of the dataclasses in it, where their own is short."""
+    if is_dataclass(value) and not isinstance(value, type):
+        inside = ", ".join(f"{field.name}={spelled(getattr(value, field.name))}" for field in fields(value))
+        return f"{type(value).__qualname__}({inside})"
+    return f"[{', '.join(map(spelled, value))}]" if isinstance(value, list) else repr(value)
+
+
 def digest(*parts: object) -> str:
-    """Sixteen digits that tell ``parts``: arrays and bytes by their content, anything else by its ``repr``."""
+    """Sixteen digits that tell ``parts``: arrays and bytes by their content, anything else as ``spelled``."""
     total = hashlib.sha256()
     for part in parts:
         if isinstance(part, np.ndarray):
             part = np.ascontiguousarray(part).tobytes()
-        total.update(part if isinstance(part, bytes) else repr(part).encode())
+        total.update(part if isinstance(part, bytes) else spelled(part).encode())
     return total.hexdigest()[:16]
 
 

@@ -52,6 +52,23 @@ class Rollout(AbstractContextManager["Rollout"]):
         given = [n if how & SEEDED else None for n, how in zip(numbers, began, strict=True)]
         return scene_from_json(self.attributes["scene"]), lengths, given, [bool(how & RESET) for how in began]
 
+    def __repr__(self) -> str:
+        frames = ", ".join(map(str, self.lengths[:5])) + (", ..." if len(self.lengths) > 5 else "")
+        return (
+            f"<Rollout {self.scene.name} {self.scene.grid}, {len(self.lengths)} trajectories of {frames or 0} frames>"
+        )
+
+    def _repr_html_(self) -> str:
+        """The last frame of the first trajectory that holds one."""
+        from cloth_envs.rendering.notebook import card
+
+        held = next((number for number, length in enumerate(self.lengths) if length), None)
+        try:
+            last = None if held is None else self.state(self.lengths[held] - 1, held)
+        except ValueError:  # closed meanwhile
+            last = None
+        return card(repr(self), self.scene, last)
+
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "Rollout":
         """Open a file that ``RolloutWriter`` made, or is still writing.

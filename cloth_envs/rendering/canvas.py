@@ -130,7 +130,7 @@ class Canvas:
             _spare[self._size(len(plotter.renderers))] = plotter
 
     def abandon(self) -> None:
-        """Keep the windows for ever: in a forked process both Python and VTK would hang when they free them at the end."""
+        """Keep the windows for ever: in a forked process Python and VTK would hang where they free them."""
         plotters = [*_spare.values(), *([] if self.plotter is None else [self.plotter])]
         for plotter in plotters:
             plotter.render_window.Register(None)
@@ -144,8 +144,10 @@ class Canvas:
         if self.plotter is None:
             try:
                 self._build(states, member)
-            except BaseException:
-                self.close()
+            except BaseException:  # half of a picture serves nobody
+                if self.plotter is not None:
+                    self.plotter.close()
+                self.plotter, self.views = None, []
                 raise
         for view, state in zip(self.views, states, strict=True):
             view.update(state, member)

@@ -70,6 +70,9 @@ class Task(ABC):
         self.keypoints = scene.grid.keypoints(*self.lattice).astype(np.int32)
         self.handles = np.array(scene.handles, dtype=np.int32)
 
+    def __repr__(self) -> str:
+        return f"<Task {type(self).__name__} {self.scene.grid}, actions {', '.join(self.actions)}>"
+
     @classmethod
     def make_scene(cls, *, resolution: tuple[int, int], material: Material) -> Scene:
         """The scene at this resolution and material."""

@@ -18,7 +18,7 @@ import torch
 from surrogates.miniature.closure import load_factors
 from surrogates.miniature.coarse import CoarsePhysics
 from surrogates.miniature.correction import ARRAYS, LAYERS, Correction, weights_name
-from training.cache import digest
+from training.cache import digest, spelled
 from training.command import is_done, keep, plan, read
 from training.dynamics.data import FRAMES, SETTLE, Course, Episodes, episodes
 from training.fit import Best, Kept, cosine, fit
@@ -175,7 +175,7 @@ def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: 
         data = episodes(scene, seeds, factor, POLICIES, cache)
         held, began = episodes(scene, HELD_OUT, factor, POLICIES[:1], cache), process_time()
         trainer = Trainer(data, recipe)
-        mark = dumps(settings | {"scene": repr(data.scene)})
+        mark = dumps(settings | {"scene": spelled(data.scene)})
         fitted = trainer.fit(cache / f"{name}_{factor}_{digest(mark)}", mark, f"{scene} 1/{factor}")
         seconds, shown = process_time() - began, {}
         runs = {"calibrated": ("calibrated", None), recipe.scaling: (recipe.scaling, None)}
