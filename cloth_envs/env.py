@@ -7,12 +7,13 @@ import numpy as np
 
 from cloth_envs.arguments import check_reset_options, check_seed, one_of, read_actions
 from cloth_envs.backend import plain_words
+from cloth_envs.observation import member
 from cloth_envs.options import check_options
 from cloth_envs.scene import Scene
 from cloth_envs.scenes.task import Task
 from cloth_envs.state import State
 from cloth_envs.time_limit import TimeLimits
-from cloth_envs.world import World, member
+from cloth_envs.world import World
 
 if TYPE_CHECKING:
     from cloth_envs.rendering import Renderer
@@ -54,7 +55,7 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         self.world = World(scene, **options)
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(1 / self.scene.frame_dt)}
-        self.observation_space = self.world.observation_space
+        self.observation_space = self.world.observer.space
         self.action_space = self.world.action_space
         self._renderer: Renderer | None = None
         self._limits = TimeLimits()

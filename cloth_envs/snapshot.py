@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,11 +21,15 @@ class Snapshot:
     """Everything that decides the future of a batch of B cloths.
 
     Attributes:
+        scene, task: where it belongs. physics: the backend and its options in a line.
         state: the batch's. memory: of the task, ``(B, ...)`` each. own: of the backend, the same.
         frames: of every episode, ``(B,)``.
         materials: one a member. rngs: one a member, None where none is known.
     """
 
+    scene: Scene
+    task: type
+    physics: str
     state: State
     memory: dict[str, np.ndarray]
     own: dict[str, np.ndarray]
@@ -34,74 +38,80 @@ class Snapshot:
     rngs: list[np.random.Generator | None]
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Copies by name, as ``read`` takes them back."""
+        """Copies by name, as ``other`` takes them back."""
         named = {f"state.{name}": value for name, value in self.state.arrays().items()}
         named |= {f"memory.{name}": value for name, value in self.memory.items()}
         named |= {f"{OWN}{name}": value for name, value in self.own.items()}
         saved = {name: value.copy() for name, value in (named | {"frames": self.frames}).items()}
         saved["materials"] = np.array([[getattr(m, p) for p in PROPERTIES] for m in self.materials])
         texts = [json.dumps(rng and rng.bit_generator.state, default=np.ndarray.tolist) for rng in self.rngs]
-        return saved | {"rng": np.array(texts)}
+        return saved | {"rng": np.array(texts), "scene": np.array(self._identity()), "backend": np.array(self.physics)}
 
+    def other(self, saved: Mapping[str, Any]) -> "Snapshot":
+        """What ``arrays`` of another moment gave, checked; what another backend remembered is left out.
 
-def identity(task: type, scene: Scene) -> str:
-    """What must be equal where a state is taken back, whatever the material; JSON."""
-    parts = {name: value for name, value in asdict(scene).items() if name not in ("material", "handles", "name")}
-    return json.dumps({"scene": scene.name, "task": task.__name__, **parts})
+        Raises:
+            ValueError: something is missing, unknown, of another shape, not finite, or of another scene; or time is
+                not frames times the frame.
+        """
+        if not isinstance(saved, Mapping):
+            raise ValueError(f"a state is the dict that get_state() gave, got {type(saved).__name__}")
+        parts = dict(saved)
+        check_scene(parts.pop("scene", None), self._identity())
+        physics = str(parts.pop("backend", None))
+        needed = self._shapes()
+        lacks = [name for name in needed if name not in parts]
+        if lacks:
+            raise ValueError(f"this state lacks {', '.join(lacks)}: pass all that get_state() gave")
+        for name in parts:
+            if name not in needed and not name.startswith(OWN):
+                raise unknown_name("part of a state:", name, needed)
+        own = {OWN + name: value.shape for name, value in self.own.items()}
+        remembered = {n: shape for n, shape in own.items() if n in parts and np.shape(parts[n]) == shape}
+        if remembered.keys() != own.keys():
+            if physics == self.physics:
+                raise ValueError(f"this state lacks {', '.join(own)} of its backend, or they have other shapes")
+            remembered = {}
+        texts = np.asarray(parts["rng"])
+        if texts.shape != needed["rng"] or texts.dtype.kind != "U":
+            raise ValueError(f"rng must be texts of shape {needed['rng']}, got {texts.dtype} of shape {texts.shape}")
+        numbers = {n: shape for n, shape in needed.items() if n != "rng"} | remembered
+        values = {name: check_array(name, parts[name], shape) for name, shape in numbers.items()}
+        self._check_frames(values["frames"], values["state.time"])
+        return replace(
+            self,
+            state=State(**_under("state.", values)),
+            memory=_under("memory.", values),
+            own=_under(OWN, values),
+            frames=values["frames"].astype(np.int64),
+            materials=[Material(**dict(zip(PROPERTIES, row, strict=True))) for row in values["materials"].tolist()],
+            rngs=[_generator(text) or old for text, old in zip(texts.tolist(), self.rngs, strict=True)],
+        )
 
+    def _identity(self) -> str:
+        """What must be equal where a state is taken back, whatever the material; JSON."""
+        parts = {n: value for n, value in asdict(self.scene).items() if n not in ("material", "handles", "name")}
+        return json.dumps({"scene": self.scene.name, "task": self.task.__name__, **parts})
 
-def shapes(scene: Scene, batch: int, memory: Mapping[str, np.ndarray]) -> dict[str, tuple[int, ...]]:
-    """Of everything that a state must hold, by name; what a backend remembers comes beside it."""
-    cloth, bodies = (3, *scene.grid.shape), (len(scene.colliders), 2, 3)
-    state: dict[str, tuple[int, ...]] = {
-        "positions": cloth,
-        "velocities": cloth,
-        "wind": (3,),
-        "pressure": (),
-        "time": (),
-    }
-    state |= {"colliders": bodies, "collider_velocities": bodies}
-    found = {f"state.{name}": (batch, *shape) for name, shape in state.items()}
-    found |= {f"memory.{name}": value.shape for name, value in memory.items()}
-    return found | {"frames": (batch,), "materials": (batch, len(PROPERTIES)), "rng": (batch,)}
+    def _shapes(self) -> dict[str, tuple[int, ...]]:
+        """Of everything that a state must hold, by name; what a backend remembers comes beside it."""
+        batch, cloth, bodies = len(self.frames), (3, *self.scene.grid.shape), (len(self.scene.colliders), 2, 3)
+        state: dict[str, tuple[int, ...]] = {"positions": cloth, "velocities": cloth}
+        state |= {"wind": (3,), "pressure": (), "time": (), "colliders": bodies, "collider_velocities": bodies}
+        found = {f"state.{name}": (batch, *shape) for name, shape in state.items()}
+        found |= {f"memory.{name}": value.shape for name, value in self.memory.items()}
+        return found | {"frames": (batch,), "materials": (batch, len(PROPERTIES)), "rng": (batch,)}
 
-
-def read(
-    saved: Mapping[str, Any], needed: Mapping[str, tuple[int, ...]], own: Mapping[str, tuple[int, ...]]
-) -> Snapshot:
-    """What ``Snapshot.arrays`` gave, checked: ``needed`` are the shapes of what must be there.
-
-    ``own`` are those of what this backend remembers; another's is left out.
-
-    Raises:
-        ValueError: something is missing, unknown, of another shape or not finite.
-    """
-    lacks = [name for name in needed if name not in saved]
-    if lacks:
-        raise ValueError(f"this state lacks {', '.join(lacks)}: pass all that get_state() gave")
-    for name in saved:
-        if name not in needed and not name.startswith(OWN):
-            raise unknown_name("part of a state:", name, needed)
-    named = {OWN + name: shape for name, shape in own.items()}
-    remembered = {n: s for n, s in named.items() if n in saved and np.shape(saved[n]) == s}
-    if remembered.keys() != named.keys():
-        remembered = {}
-    texts = np.asarray(saved["rng"])
-    if texts.shape != needed["rng"] or texts.dtype.kind != "U":
-        raise ValueError(f"rng must be texts of shape {needed['rng']}, got {texts.dtype} of shape {texts.shape}")
-    numbers = {n: s for n, s in needed.items() if n != "rng"} | remembered
-    values = {name: check_array(name, saved[name], shape) for name, shape in numbers.items()}
-    frames = values["frames"]
-    if frames.dtype.kind not in "iu" or (frames < 0).any():
-        raise ValueError(f"frames must be whole numbers of at least 0, got {frames.tolist()}")
-    return Snapshot(
-        State(**_under("state.", values)),
-        _under("memory.", values),
-        _under(OWN, values),
-        frames.astype(np.int64),
-        [Material(**dict(zip(PROPERTIES, row, strict=True))) for row in values["materials"].tolist()],
-        [_generator(text) for text in texts.tolist()],
-    )
+    def _check_frames(self, frames: np.ndarray, time: np.ndarray) -> None:
+        """Refuse counts that are none, or another time than theirs."""
+        if frames.dtype.kind not in "iu" or (frames < 0).any():
+            raise ValueError(f"frames must be whole numbers of at least 0, got {frames[:3].tolist()}")
+        dt = self.scene.frame_dt
+        if (abs(time - frames * dt) > dt / 2).any():
+            raise ValueError(
+                f"state.time must be frames times {dt:g} s, got times of {time[:3].tolist()} "
+                f"for frames of {frames[:3].tolist()}"
+            )
 
 
 def check_array(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:

@@ -11,12 +11,13 @@ from gymnasium.vector.utils import batch_space
 
 from cloth_envs.arguments import as_whole, check_mask, check_reset_options, check_seeds, one_of, whole_number
 from cloth_envs.backend import keywords, plain_words
+from cloth_envs.observation import member
 from cloth_envs.options import check_options
 from cloth_envs.registry import load_backend
 from cloth_envs.scene import Scene
 from cloth_envs.snapshot import check_array
 from cloth_envs.state import State
-from cloth_envs.world import World, member
+from cloth_envs.world import World
 
 _MODES = {mode.value: mode for mode in AutoresetMode}
 
@@ -68,7 +69,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             "render_modes": [],
             "render_fps": round(1 / self.world.scene.frame_dt),
         }
-        self.single_observation_space = self.world.observation_space
+        self.single_observation_space = self.world.observer.space
         self.single_action_space = self.world.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)

@@ -8,21 +8,17 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from cloth_envs.arguments import as_plain, one_of, read_actions
+from cloth_envs.arguments import as_plain, read_actions
 from cloth_envs.failure import Failures
 from cloth_envs.grid import check_resolution
 from cloth_envs.material import Material, as_material, check_ranges, warn_unusual
+from cloth_envs.observation import Observer
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import BACKENDS, load_task, make_backend, register_backend
 from cloth_envs.scenes.drives import clip_actions
-from cloth_envs.scenes.measures import gather
 from cloth_envs.scenes.task import Episode, Start, Task
-from cloth_envs.snapshot import Snapshot, check_array, check_scene, identity, read, shapes
+from cloth_envs.snapshot import Snapshot, check_array
 from cloth_envs.state import Controls, State
-
-OBSERVATIONS = ("keypoints", "mesh")
-POSITION_BOUND = 20.0  # m; observations are clipped to it
-VELOCITY_BOUND = 100.0  # m/s
 
 
 class World:
@@ -31,6 +27,7 @@ class World:
     ``scene`` is a name, or a task's class, which is taken as it is: of ``preset`` only the solver counts then.
 
     Attributes:
+        observer: what an agent observes.
         controls: what the last ``step`` gave to the backend; None before the first.
         rewards: what it returned, ``(B,)``.
         title: scene, resolution and backend in a few words.
@@ -57,7 +54,6 @@ class World:
             "scene": scene, "num_envs": num_envs, "backend": backend, "backend_kwargs": backend_kwargs, "obs": obs,
             "material": material, "randomize": randomize, "resolution": resolution, "preset": preset,
         }  # fmt: skip
-        one_of("observation", obs, OBSERVATIONS)
         self.ranges = check_ranges(randomize)
         if not isinstance(scene, str):
             task_class = scene
@@ -77,10 +73,9 @@ class World:
         self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=chosen)
         self._check_ranges()
         warn_unusual(material, self.ranges)
-        self._identity = identity(task_class, self.scene)
         own = {name: value for name, value in chosen.items() if name != "threads"}
         self._physics = f"{backend} {json.dumps(own, sort_keys=True, default=repr)}"
-        self.num_envs, self.obs = num_envs, obs
+        self.num_envs = num_envs
         self.title = f"{self.scene.name} {self.scene.grid} {backend}"
         self.failures = Failures(self.scene, self.task.max_strain)
         self.rngs: list[np.random.Generator | None] = [None] * num_envs
@@ -90,19 +85,8 @@ class World:
         self.controls: Controls | None = None
         self.rewards = np.zeros(num_envs)
 
-        n, k = len(self.task.keypoints), len(self.task.extras)
-        bounds = [POSITION_BOUND, VELOCITY_BOUND, self.task.extras_bound]
-        bound = np.repeat(np.array(bounds, np.float32), [3 * n, 3 * n, k])
-        self._bound = bound
+        self.observer = Observer(self.task, obs)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.task.actions),), np.float32)
-        self.observation_space: spaces.Space[Any]
-        if obs == "keypoints":
-            self.observation_space = spaces.Box(-bound, bound, dtype=np.float32)
-        else:
-            limit = np.repeat(np.array(bounds[:2], np.float32), 3)
-            mesh = np.broadcast_to(limit[:, None, None], (6, *self.scene.grid.shape))
-            limits = {"mesh": mesh, "task": bound[-k:]}
-            self.observation_space = spaces.Dict({n: spaces.Box(-b, b, dtype=np.float32) for n, b in limits.items()})
 
     def __repr__(self) -> str:
         return f"<World {self.title}, {self.num_envs} environments, {self.progress}>"
@@ -220,25 +204,17 @@ class World:
         return rewards, reasons
 
     def observe(self) -> Any:
-        """Observations of the batch, freshly allocated, in ``observation_space`` with a leading axis."""
-        state, episode = self.state, self.episode
-        extras = self.task.observe(episode)
-        if self.obs == "mesh":
-            mesh = np.concatenate([state.positions, state.velocities], 1)
-            space = self.observation_space["mesh"]  # type: ignore[index]
-            np.clip(mesh, space.low, space.high, out=mesh)
-            limit = self.task.extras_bound
-            return {"mesh": mesh, "task": np.clip(extras, -limit, limit).astype(np.float32)}
-        out = np.empty((self.num_envs, len(self._bound)), np.float32)
-        out[:, -extras.shape[1] :] = extras
-        gather(state.positions, state.velocities, self.task.keypoints, self._bound, out)
-        return out
+        """See ``Observer``."""
+        return self.observer(self.episode)
+
+    def _now(self) -> Snapshot:
+        memory, own = self.episode.memory, self.backend.memory
+        where = self.scene, type(self.task), self._physics
+        return Snapshot(*where, self.state, memory, own, self.frames, self.materials, self.rngs)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """See ``ClothEnv.get_state``."""
-        memory, own = self.episode.memory, self.backend.memory
-        saved = Snapshot(self.state, memory, own, self.frames, self.materials, self.rngs).arrays()
-        return saved | {"scene": np.array(self._identity), "backend": np.array(self._physics)}
+        return self._now().arrays()
 
     def set_state(self, saved: Mapping[str, np.ndarray]) -> None:
         """Continue from what ``get_state`` gave, bit for bit on the same backend.
@@ -254,13 +230,14 @@ class World:
         if not started:  # what a state must hold is told by one
             self.reset({i: np.random.default_rng(0) for i in range(self.num_envs)})
         try:
-            snapshot = self._check_state(saved)
+            snapshot = self._now().other(saved)
+            for material in set(snapshot.materials):
+                self._check_material(material)
         except ValueError:
             if not started:
                 self._episode, self.rngs = None, [None] * self.num_envs
             raise
-        self.frames, self.materials = snapshot.frames, snapshot.materials
-        self.rngs = [new or old for new, old in zip(snapshot.rngs, self.rngs, strict=True)]
+        self.frames, self.materials, self.rngs = snapshot.frames, snapshot.materials, snapshot.rngs
         self._place(range(self.num_envs), snapshot.state, snapshot.memory)
         if snapshot.own:
             self.backend.recall(snapshot.own)
@@ -286,28 +263,3 @@ class World:
             self.set_state(saved["state"])
             self.episode.action, self.controls = saved["last"]
         self.rngs = saved["rngs"]
-
-    def _check_state(self, saved: Mapping[str, np.ndarray]) -> Snapshot:
-        if not isinstance(saved, Mapping):
-            raise ValueError(f"a state is the dict that get_state() gave, got {type(saved).__name__}")
-        parts = dict(saved)
-        check_scene(parts.pop("scene", None), self._identity)
-        own = {name: value.shape for name, value in self.backend.memory.items()}
-        same = str(parts.pop("backend", None)) == self._physics
-        snapshot = read(parts, shapes(self.scene, self.num_envs, self.episode.memory), own)
-        if same and len(snapshot.own) < len(own):
-            raise ValueError(f"this state lacks what the backend remembers ({', '.join(own)}), or it has other shapes")
-        late = abs(snapshot.state.time - snapshot.frames * self.scene.frame_dt)
-        if (late > self.scene.frame_dt / 2).any():
-            raise ValueError(
-                f"state.time must be frames times {self.scene.frame_dt:g} s, got times of "
-                f"{snapshot.state.time[:3].tolist()} for frames of {snapshot.frames[:3].tolist()}"
-            )
-        for material in set(snapshot.materials):
-            self._check_material(material)
-        return snapshot
-
-
-def member(observations: Any, i: int) -> Any:
-    """What one environment of the batch observes."""
-    return {name: part[i] for name, part in observations.items()} if isinstance(observations, dict) else observations[i]

@@ -1,0 +1,55 @@
+"""What an agent observes of a batch, and the spaces of it."""
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from cloth_envs.arguments import one_of
+from cloth_envs.scenes.measures import gather
+from cloth_envs.scenes.task import Episode, Task
+
+KINDS = ("keypoints", "mesh")
+POSITION_BOUND = 20.0  # m; observations are clipped to it
+VELOCITY_BOUND = 100.0  # m/s
+
+
+class Observer:
+    """Observations of one ``kind``: ``"keypoints"``, a flat Box, or ``"mesh"``, a Dict with the geometry image.
+
+    Attributes:
+        space: of one member.
+
+    Raises:
+        ValueError: another kind; the nearest match is named.
+    """
+
+    def __init__(self, task: Task, kind: str) -> None:
+        self._task, self._mesh = task, one_of("observation", kind, KINDS) == "mesh"
+        n, k = len(task.keypoints), len(task.extras)
+        bounds = [POSITION_BOUND, VELOCITY_BOUND, task.extras_bound]
+        bound = self._bound = np.repeat(np.array(bounds, np.float32), [3 * n, 3 * n, k])
+        self.space: spaces.Space[Any] = spaces.Box(-bound, bound, dtype=np.float32)
+        if self._mesh:
+            limit = np.repeat(np.array(bounds[:2], np.float32), 3)
+            self._limit = np.broadcast_to(limit[:, None, None], (6, *task.scene.grid.shape))
+            limits = {"mesh": self._limit, "task": bound[-k:]}
+            self.space = spaces.Dict({name: spaces.Box(-b, b, dtype=np.float32) for name, b in limits.items()})
+
+    def __call__(self, episode: Episode) -> Any:
+        """Observations of the batch, freshly allocated, in ``space`` with a leading axis."""
+        state, extras = episode.state, self._task.observe(episode)
+        if self._mesh:
+            mesh = np.concatenate([state.positions, state.velocities], 1)
+            np.clip(mesh, -self._limit, self._limit, out=mesh)
+            limit = self._task.extras_bound
+            return {"mesh": mesh, "task": np.clip(extras, -limit, limit).astype(np.float32)}
+        out = np.empty((len(extras), len(self._bound)), np.float32)
+        out[:, -extras.shape[1] :] = extras
+        gather(state.positions, state.velocities, self._task.keypoints, self._bound, out)
+        return out
+
+
+def member(observations: Any, i: int) -> Any:
+    """What one environment of the batch observes."""
+    return {name: part[i] for name, part in observations.items()} if isinstance(observations, dict) else observations[i]
