@@ -37,6 +37,12 @@ def _render(given: argparse.Namespace) -> str:
     return render(**_options(given))
 
 
+def _export(given: argparse.Namespace) -> str:
+    from cloth_envs.export import export
+
+    return f"wrote {export(**_options(given))}"
+
+
 def _compare(given: argparse.Namespace) -> str:
     from cloth_envs.commands.compare import compare_scene
 
@@ -89,6 +95,7 @@ RUNS: dict[str, Callable[[argparse.Namespace], str | None]] = {
     "list": _list,
     "rollout": _rollout,
     "render": _render,
+    "export": _export,
     "compare": _compare,
     "bench": _bench,
     "report": _report,

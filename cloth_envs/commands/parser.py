@@ -65,6 +65,13 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> Pa
     sub.add_argument("--trajectory", type=int, default=0, help="which one (default 0)")
     _pictures(sub)
 
+    sub = command("export", "Write a recorded rollout for ParaView, Blender and others.")
+    sub.add_argument("file", metavar="FILE", help="a rollout in HDF5")
+    sub.add_argument("--format", required=True, metavar="FORMAT", help="vtk, gltf, ply or usd")
+    sub.add_argument("--out", metavar="OUT", help="file, or folder for it (default: beside FILE)")
+    sub.add_argument("--trajectory", type=int, default=0, help="which one (default 0)")
+    sub.add_argument("--every", type=_at_least(1), default=1, metavar="K", help="each K-th frame (default 1: all)")
+
     sub = command("compare", "One scene with several backends or resolutions: video, table, chart.")
     _episode(sub)
     sub.add_argument("--frames", type=_at_least(1), default=120, help="length of the run (default 120)")
