@@ -53,15 +53,19 @@ class Rollout(AbstractContextManager["Rollout"]):
 
     def __repr__(self) -> str:
         frames = ", ".join(map(str, self.lengths[:5])) + (", ..." if len(self.lengths) > 5 else "")
-        return f"<Rollout {self.scene.name} {self.scene.grid}, {len(self.lengths)} trajectories of {frames or 0} frames>"
+        return (
+            f"<Rollout {self.scene.name} {self.scene.grid}, {len(self.lengths)} trajectories of {frames or 0} frames>"
+        )
 
     def _repr_html_(self) -> str:
         """The last frame of the first trajectory that holds one."""
         from cloth_envs.rendering.notebook import card
 
-        held = next((number for number, length in enumerate(self.lengths) if length), None)
-        drawn = self._file and held is not None  # a closed file is false
-        return card(repr(self), self.scene, self.state(self.lengths[held] - 1, held) if drawn else None)
+        held = [number for number, length in enumerate(self.lengths) if length]
+        shown = (
+            self.state(self.lengths[held[0]] - 1, held[0]) if self._file and held else None
+        )  # a closed file is false
+        return card(repr(self), self.scene, shown)
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> "Rollout":

@@ -130,7 +130,7 @@ class Canvas:
             _spare[self._size(len(plotter.renderers))] = plotter
 
     def abandon(self) -> None:
-        """Keep the windows for ever: in a forked process both Python and VTK would hang when they free them at the end."""
+        """Keep the windows for ever: in a forked process Python and VTK would hang when they free them at the end."""
         plotters = [*_spare.values(), *([] if self.plotter is None else [self.plotter])]
         for plotter in plotters:
             plotter.render_window.Register(None)
