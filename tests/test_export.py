@@ -110,8 +110,7 @@ def test_gltf_morphs_through_every_frame(recording: Path, states: list[State], t
     weights = moves[0, "weights"].reshape(FRAMES, FRAMES - 1)
     for frame, state in enumerate(states):
         shown = first + sum(
-            weight * arrays[target["POSITION"]]
-            for weight, target in zip(weights[frame], cloth["targets"], strict=True)
+            weight * arrays[target["POSITION"]] for weight, target in zip(weights[frame], cloth["targets"], strict=True)
         )
         np.testing.assert_allclose(shown, vertices(state), atol=1e-6)
         np.testing.assert_allclose(moves[1, "translation"][frame], state.colliders[0, 0, 0], atol=1e-7)
@@ -167,12 +166,12 @@ def test_usd_has_time_samples(recording: Path, states: list[State], tmp_path: Pa
 
 
 @pytest.mark.parametrize("format", ["vtk", "gltf", "ply", "usd"])
-def test_the_command_exports_what_was_recorded(
-    format: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_exports_what_was_recorded(format: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if format == "usd":
         pytest.importorskip("pxr.Usd", reason="usd-core is not installed")
-    env = RecordRollout(gym.make("MiniCloth-BallDrop-v0", resolution=(5, 5), disable_env_checker=True), tmp_path / "a.h5")
+    env = RecordRollout(
+        gym.make("MiniCloth-BallDrop-v0", resolution=(5, 5), disable_env_checker=True), tmp_path / "a.h5"
+    )
     env.reset(seed=0)
     for _ in range(4):
         env.step(np.zeros(2, np.float32))

@@ -12,8 +12,8 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-import pyvista
 import pytest
+import pyvista
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
@@ -144,6 +144,39 @@ assert forked(draw) == 0
 thread = threading.Thread(target=env.render); thread.start(); thread.join(); env.close()
 assert forked(draw) == 0
 assert threading.active_count() == 1
+""")
+
+
+@forks
+@pytest.mark.parametrize(
+    "backend",
+    [
+        {"backend": "reference"},
+        {"backend": "reference", "backend_kwargs": {"solver": "admm"}},
+        {"backend": "reference", "backend_kwargs": {"solver": "implicit"}},
+        {"backend": "miniature"},
+        {"backend": "cnn"},
+        {"backend": "cnn", "backend_kwargs": {"engine": "torch"}},
+    ],
+    ids=lambda given: " ".join([given["backend"], *given.get("backend_kwargs", {}).values()]),
+)
+def test_a_child_steps_as_its_parent(backend: dict[str, object]) -> None:
+    run(f"""
+given = {backend | {"resolution": (9, 13)}}
+if "torch" in str(given):
+    os.environ["OMP_WAIT_POLICY"] = "passive"  # or they spin, on a busy machine for long
+    import torch
+    torch.set_num_threads(2)
+def ahead(env):
+    env.reset(seed=0)
+    env.action_space.seed(0)
+    return env.step(env.action_space.sample())[0]
+single = gym.make("MiniCloth-Flag-v0", disable_env_checker=True, **given)
+many = gym.make_vec("MiniCloth-Flag-v0", num_envs=3, **given)
+truth = ahead(single), ahead(many)
+def step():
+    assert (ahead(single) == truth[0]).all() and (ahead(many) == truth[1]).all()
+assert forked(step) == 0
 """)
 
 

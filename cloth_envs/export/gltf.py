@@ -80,7 +80,7 @@ def write(series: Series, frames: Iterable[Frame], path: Path) -> None:
         turns[1:] *= np.cumprod(np.where((turns[1:] * turns[:-1]).sum(1) < 0, -1, 1))[:, None]  # the short way round
         start = {"translation": shown[0].translations[number].tolist(), "rotation": turns[0].tolist()}
         node = content.add("nodes", {"name": body.name, "mesh": mesh, **start})
-        channels.append((node, "translation", content.array([frame.translations[number] for frame in shown])))
+        channels.append((node, "translation", content.array(np.array([frame.translations[number] for frame in shown]))))
         channels.append((node, "rotation", content.array(turns)))
     parts = list(range(len(content.json["nodes"])))
     root = content.add("nodes", {"name": series.scene.name, "rotation": Z_UP, "children": parts})

@@ -19,18 +19,20 @@ def import_usd() -> Any:
         import pxr.Tf
         import pxr.Usd
         import pxr.UsdGeom
-        import pxr.Vt  # noqa: F401
+        import pxr.Vt
     except ImportError as error:
         raise ImportError(f"exporting to USD needs usd-core ({error}): {install('usd')}") from error
     return pxr
 
 
 def write(series: Series, frames: Iterable[Frame], path: Path) -> None:
-    """Write ``path``: metres, z up, time code t is t frames after the reset. Raises ImportError: no usd-core."""
+    """Write ``path``: metres, z up, time code t is t frames after the reset. Raises ImportError: no usd-core.
+
+    Raises OSError: it can't be written.
+    """
     pxr = import_usd()
     geometry, scene = pxr.UsdGeom, series.scene
-    path.unlink(missing_ok=True)  # USD would open what is there
-    stage = pxr.Usd.Stage.CreateNew(str(path))
+    stage = pxr.Usd.Stage.CreateInMemory()
     geometry.SetStageMetersPerUnit(stage, 1.0)
     geometry.SetStageUpAxis(stage, geometry.Tokens.z)
     rate = round(1 / scene.frame_dt, 9)
@@ -54,7 +56,8 @@ def write(series: Series, frames: Iterable[Frame], path: Path) -> None:
             turn.Set(pxr.Gf.Quatd(float(w), float(x), float(y), float(z)), code)
     stage.SetStartTimeCode(codes[0])
     stage.SetEndTimeCode(codes[-1])
-    stage.GetRootLayer().Save()
+    if not stage.GetRootLayer().Export(str(path)):
+        raise OSError(f"can't write {path}: OpenUSD says why above; choose a path that you may write")
 
 
 def _cloth(pxr: Any, stage: Any, path: str, series: Series) -> Any:

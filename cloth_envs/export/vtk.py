@@ -1,4 +1,4 @@
-"""ParaView's collection: a ``.pvd`` file that names a ``.vtp`` file of the cloth, and one of the bodies, at each time."""
+"""ParaView's collection: a ``.pvd`` file that names ``.vtp`` files, one of the cloth and one of the bodies a frame."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -9,6 +9,7 @@ import numpy as np
 
 from cloth_envs.export.bodies import moved
 from cloth_envs.export.series import Frame, Series
+from cloth_envs.files import check_folder
 from cloth_envs.rendering.canvas import import_pyvista
 
 
@@ -19,8 +20,7 @@ def write(series: Series, frames: Iterable[Frame], path: Path) -> None:
     with their number as ``body``, is 1. Raises ImportError: PyVista is missing.
     """
     pv = import_pyvista()
-    folder = path.with_suffix("")
-    folder.mkdir(exist_ok=True)
+    folder = check_folder(path.with_suffix(""))
     root = ElementTree.Element("VTKFile", type="Collection", version="0.1", byte_order="LittleEndian")
     collection = ElementTree.SubElement(root, "Collection")
     for frame in frames:

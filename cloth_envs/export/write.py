@@ -16,18 +16,17 @@ Writer = Callable[[Series, Iterable[Frame], Path], None]
 
 @dataclass(frozen=True)
 class Format:
-    """Where its writer is, the suffixes that its file may have, the first by default (none: a folder), and what it is."""
+    """Where its writer is, and the suffixes that its file may have, the first by default; none is a folder."""
 
     writer: str
-    suffixes: tuple[str, ...]
-    about: str
+    suffixes: tuple[str, ...] = ()
 
 
 FORMATS = {
-    "vtk": Format("cloth_envs.export.vtk:write", (".pvd",), "ParaView: a .pvd file and a folder of .vtp files"),
-    "gltf": Format("cloth_envs.export.gltf:write", (".glb",), "Blender and viewers: one animated .glb file"),
-    "ply": Format("cloth_envs.export.ply:write", (), "a folder of numbered .ply files"),
-    "usd": Format("cloth_envs.export.usd:write", (".usdc", ".usda", ".usd"), "Blender, Houdini, Omniverse: one file"),
+    "vtk": Format("cloth_envs.export.vtk:write", (".pvd",)),
+    "gltf": Format("cloth_envs.export.gltf:write", (".glb",)),
+    "ply": Format("cloth_envs.export.ply:write"),
+    "usd": Format("cloth_envs.export.usd:write", (".usdc", ".usda", ".usd")),
 }
 
 

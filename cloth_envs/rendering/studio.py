@@ -103,11 +103,11 @@ class Studio:
             )
         if self._ended:
             return "the process is ending: draw before that"
-        name = threading.current_thread().name
-        if self._in_main and name != threading.main_thread().name:
+        here = threading.current_thread()
+        if self._in_main and here is not threading.main_thread():
             return (
-                f"on macOS pictures are drawn in the main thread only, and this one is {name!r}: call render() in the "
-                "main thread, or use processes"
+                f"on macOS pictures are drawn in the main thread only, and this one is {here.name!r}: call "
+                "render() in the main thread, or use processes"
             )
         return None
 

@@ -1,6 +1,8 @@
 """The engine ``"torch"`` of the fitted cell: on GPUs, and with forces plugged in."""
 
+import os
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,9 @@ from surrogates.cell.compiled import SHARED, SHEET, CellSheet
 from surrogates.cell.frame import frame
 from surrogates.cell.sheet import Force, SheetCell, properties
 from surrogates.cell.stencil import StencilCell
+
+if hasattr(os, "register_at_fork"):  # a forked process lacks the threads of torch's OpenMP and would wait for them
+    os.register_at_fork(after_in_child=partial(torch.set_num_threads, 1))
 
 
 def usable(device: str) -> str:
