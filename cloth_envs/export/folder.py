@@ -14,8 +14,8 @@ from cloth_envs.files import WriteError, cannot_write, check_folder
 def replacing_frames(folder: Path, suffix: str) -> Iterator[Callable[[str, int, bytes], Path]]:
     """What writes ``cloth_00000.ply`` for ``("cloth", 0, data)``, and returns that path.
 
-    The new files take the place of all ``cloth_*`` and ``bodies_*`` frames of this ``suffix`` when the block ends; other
-    files stay. Whatever fails before, the folder stays as it was.
+    The new files take the place of all ``cloth_*`` and ``bodies_*`` frames of this ``suffix`` when the block ends;
+    other files stay. Whatever fails before, the folder stays as it was.
 
     Raises:
         OSError: the folder or a file can't be written; names it and says why.

@@ -1,11 +1,10 @@
 """One binary glTF 2.0 file: the cloth as morph targets, one a frame, bodies as nodes that move.
 
 The weight of a frame's target rises to 1 at its time and falls to 0 at the next, so players go straight from one frame
-to the next. A capsule whose length varies has one target. The root node turns z up to glTF's y up; Blender turns it back.
+to the next. A capsule whose length varies has one target. The root node turns z up to glTF's y up; Blender turns it
+back.
 """
 
-import json
-import struct
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -14,65 +13,14 @@ from typing import Any
 import numpy as np
 
 from cloth_envs.export.bodies import Body
+from cloth_envs.export.glb import INDEX, Content
 from cloth_envs.export.series import Frame, Series
-from cloth_envs.files import replacing
 from cloth_envs.rendering import look
-from cloth_envs.version import __version__
 
-COMPONENTS = {np.dtype("<f4"): 5126, np.dtype("<u4"): 5125}
-TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
-VERTEX, INDEX = 34962, 34963  # what a buffer view is for
 Z_UP = [-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)]  # quaternion of the root
 LIMIT = 2**32  # bytes of a file
-JSON = 2000  # bytes of JSON and of the bodies' places that a frame takes, at most
+JSON = 2000  # bytes of JSON that a frame takes, at most
 SAME_LENGTH = 1e-5  # m; capsules whose length varies by less are rigid
-
-
-class Content:
-    """The file's JSON and the bytes that it points into."""
-
-    def __init__(self) -> None:
-        self.json: dict[str, Any] = {"asset": {"version": "2.0", "generator": f"MiniCloth {__version__}"}}
-        self.json |= {name: [] for name in ("accessors", "bufferViews", "meshes", "nodes", "materials")}
-        self.bytes: list[bytes] = []
-        self.size = 0
-
-    def add(self, kind: str, entry: dict[str, Any]) -> int:
-        """Append to a list of the JSON; returns the number."""
-        self.json[kind].append(entry)
-        return len(self.json[kind]) - 1
-
-    def array(self, values: np.ndarray, use: int | None = None) -> int:
-        """An accessor of ``(n,)`` or ``(n, k)`` values, float32 or, for indices, uint32."""
-        kind = np.dtype("<u4" if use == INDEX else "<f4")
-        values = np.ascontiguousarray(values, kind)
-        view = {"buffer": 0, "byteOffset": self.size, "byteLength": values.nbytes} | ({"target": use} if use else {})
-        columns = values.reshape(len(values), -1)
-        self.bytes.append(values.tobytes())  # a multiple of four bytes, as the format asks for
-        self.size += values.nbytes
-        accessor = {
-            "bufferView": self.add("bufferViews", view),
-            "componentType": COMPONENTS[kind],
-            "count": len(values),
-            "type": TYPES[columns.shape[1]],
-            "min": columns.min(0).tolist(),
-            "max": columns.max(0).tolist(),
-        }
-        return self.add("accessors", accessor)
-
-    def vertices(self, attributes: Mapping[str, np.ndarray]) -> dict[str, int]:
-        """Accessors of ``(N, k)`` attributes, by name."""
-        return {name: self.array(values, VERTEX) for name, values in attributes.items()}
-
-    def save(self, path: Path) -> None:
-        """Write the binary container in place of what is there. Raises OSError: it can't be written."""
-        text = json.dumps(self.json | {"buffers": [{"byteLength": self.size}]}, separators=(",", ":")).encode()
-        text += b" " * (-len(text) % 4)
-        with replacing(path) as part, part.open("wb") as file:
-            file.write(struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + self.size))
-            file.write(struct.pack("<I4s", len(text), b"JSON") + text)
-            file.write(struct.pack("<I4s", self.size, b"BIN\0"))
-            file.writelines(self.bytes)
 
 
 def write(series: Series, frames: Iterable[Frame], path: Path) -> None:
@@ -114,7 +62,8 @@ def write(series: Series, frames: Iterable[Frame], path: Path) -> None:
 def check_size(series: Series) -> None:
     """Raises ValueError: the file would have more bytes than its header can count."""
     frames, vertices = len(series), len(series.texture)
-    size = frames * (24 * vertices + 4 * frames + JSON) + 100 * vertices  # targets, weights; the mesh itself
+    each = 24 * vertices + 4 * frames + 32 * len(series.bodies) + JSON  # targets, weights, places
+    size = frames * each + 100 * vertices  # and the mesh itself
     if size > LIMIT:
         raise ValueError(
             f"{frames} frames of {vertices} vertices are {size / 2**30:.1f} GiB in glTF, which holds {LIMIT >> 30}: "

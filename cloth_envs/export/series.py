@@ -87,7 +87,7 @@ class Series:
         for name in ("positions", "velocities", "colliders"):
             if not (np.abs(getattr(state, name)) < FAR).all():
                 raise ValueError(
-                    f"frame {number} of trajectory {self._trajectory} has {name} that are not finite, or beyond {FAR:g}: "
+                    f"frame {number} of trajectory {self._trajectory} has {name} that are not finite, or huge: "
                     "choose another trajectory, or record one that ends before"
                 )
 

@@ -21,7 +21,7 @@ def import_usd() -> Any:
         import pxr.Tf
         import pxr.Usd
         import pxr.UsdGeom
-        import pxr.Vt  # noqa: F401
+        import pxr.Vt
     except ImportError as error:
         raise ImportError(f"exporting to USD needs usd-core ({error}): {install('usd')}") from error
     return pxr

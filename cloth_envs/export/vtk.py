@@ -1,4 +1,4 @@
-"""ParaView's collection: a ``.pvd`` file that names a ``.vtp`` file of the cloth, and one of the bodies, at each time."""
+"""ParaView's collection: a ``.pvd`` file that names a ``.vtp`` file of the cloth and one of the bodies at each time."""
 
 from collections.abc import Iterable
 from pathlib import Path

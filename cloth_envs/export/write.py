@@ -15,7 +15,7 @@ Writer = Callable[[Series, Iterable[Frame], Path], None]
 
 @dataclass(frozen=True)
 class Format:
-    """Where its writer is, the suffixes that its file may have, the first by default (none: a folder), and what it is."""
+    """Where its writer is, the suffixes its file may have, the first by default (none: a folder), and what it is."""
 
     writer: str
     suffixes: tuple[str, ...]
@@ -53,7 +53,8 @@ def export(
         series = Series(rollout, trajectory, every)
         path = _target(Path(file), kind, format, out)
         rows, cols = series.scene.grid.shape
-        announce(f"{file}: {len(series)} frames of {series.scene.name}, {rows} x {cols} vertices, as {format} into {path}")
+        what = f"{len(series)} frames of {series.scene.name}, {rows} x {cols} vertices"
+        announce(f"{file}: {what}, as {format} into {path}")
         write(series, progress(series, "export", len(series), unit="frame"), path)
     return path
 
