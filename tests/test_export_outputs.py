@@ -110,7 +110,7 @@ def test_a_file_that_does_not_read_back_is_an_error(recording: Path, tmp_path: P
     from pxr import Sdf
 
     def cut(layer: Sdf.Layer, path: str) -> bool:
-        meant, less = Sdf.Layer.CreateAnonymous(".usda"), layer.ExportToString().replace("4: (", "3.5: (")
+        meant, less = Sdf.Layer.CreateAnonymous(".usda"), layer.ExportToString().replace("4: [", "3.5: [")
         meant.ImportFromString(less)
         return export_layer(meant, path)
 

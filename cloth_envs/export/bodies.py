@@ -59,7 +59,7 @@ def make(number: int, collider: Collider, side: float) -> Body:
     name = f"{collider.name}_{number}"
     if collider.kind == "plane":
         square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], np.float32) * np.float32(side / 2)
-        upwards, still = np.tile(np.float32([0, 0, 1]), (4, 1)), np.zeros(4, np.float32)
+        upwards, still = np.tile(np.array([0, 0, 1], np.float32), (4, 1)), np.zeros(4, np.float32)
         return Body(name, "plane", side, square, upwards, still, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
     unit, growth, triangles = ball(capsule=collider.kind == "capsule")
     points = np.float32(collider.radius) * unit
