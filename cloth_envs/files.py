@@ -74,6 +74,18 @@ def replacing(path: str | Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
+def why_cut(part: Path, otherwise: str) -> OSError:
+    """What kept a library from writing all of ``part``: what keeps us from it too, or ``otherwise``."""
+    try:
+        with part.open("ab", buffering=0) as file:
+            file.write(bytes(2**20))
+            os.fsync(file.fileno())
+            file.write(bytes(1))
+    except OSError as error:
+        return error
+    return OSError(otherwise)
+
+
 def write_bytes(path: str | Path, data: bytes) -> None:
     """``data`` in place of what is there. Raises OSError: it can't be written; the old file stays."""
     with replacing(path) as part:
@@ -148,5 +160,5 @@ def check_folder(path: str | Path) -> Path:
         with tempfile.TemporaryFile(dir=path):
             pass
     except OSError as error:
-        raise OSError(f"can't write into {path} ({error.strerror}): choose a folder that you may write") from error
+        raise WriteError(f"can't write into {path} ({error.strerror}): choose a folder that you may write") from error
     return path

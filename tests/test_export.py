@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from cloth_envs.commands.cli import main
 from cloth_envs.export import export
-from cloth_envs.export.bodies import make, moved, place, turn_from_z
+from cloth_envs.export.bodies import make, place, turn_from_z
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.recording import RecordRollout, Rollout, RolloutWriter
@@ -202,13 +202,14 @@ def test_bodies_turn_the_short_way() -> None:
     for axis in np.eye(3).tolist() + (-np.eye(3)).tolist() + [[1.0, 2.0, -3.0]]:
         unit = np.array(axis) / np.linalg.norm(axis)
         np.testing.assert_allclose(Rotation.from_quat(turn_from_z(unit)).apply([0, 0, 1]), unit, atol=1e-12)
-    limb = make(0, BODIES[1], np.array([[0, 0, 0], [0, 0, 0.5]]), 1.0)
-    assert limb.points[:, 2].max() == pytest.approx(0.35)
-    corners = limb.points[limb.triangles].astype(float)
+    limb = make(0, BODIES[1], 1.0)
+    corners = limb.stretched(0.5)[limb.triangles].astype(float)
+    assert corners[..., 2].max() == pytest.approx(0.35)
     outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (np.einsum("ij,ij->i", outward, corners.mean(1)) > 0).all()
-    ends = np.array([[1, 0, 0], [1, 0.5, 0]])
-    assert moved(limb, *place(limb, ends))[:, 1].max() == pytest.approx(0.6)
+    assert len(limb.points) == 2 + 32 * (2 * 9 - 2)  # poles are a point each, and the equator is there twice
+    points, _ = limb.moved(place("capsule", np.array([[1, 0, 0], [1, 0.5, 0]]), np.zeros(3)))
+    assert points[:, 1].max() == pytest.approx(0.6)
 
 
 def test_mistakes_are_told(recording: Path, tmp_path: Path) -> None:

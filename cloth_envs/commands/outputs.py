@@ -1,6 +1,5 @@
 """Videos and images that commands write."""
 
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -9,12 +8,14 @@ from types import ModuleType
 import numpy as np
 
 from cloth_envs.extras import install
-from cloth_envs.files import check_file, check_folder, replacing
+from cloth_envs.files import check_file, check_folder, replacing, why_cut
 from cloth_envs.progress import progress
 from cloth_envs.rendering import Camera, Renderer, framing
 from cloth_envs.rendering.canvas import import_pyvista
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
+
+ENDED = "ffmpeg ended before the last picture"
 
 
 def import_imageio() -> ModuleType:
@@ -51,7 +52,7 @@ def open_video(path: Path, fps: float) -> Iterator[Callable[[np.ndarray], None]]
             try:
                 stream.append_data(picture)
             except OSError as error:  # with ffmpeg's whole command line
-                raise _why(part) from error
+                raise why_cut(part, ENDED) from error
             count += 1
 
         try:
@@ -66,19 +67,7 @@ def open_video(path: Path, fps: float) -> Iterator[Callable[[np.ndarray], None]]
         except RuntimeError:
             whole = False
         if not whole:
-            raise _why(part)
-
-
-def _why(part: Path) -> OSError:
-    """What kept ffmpeg from writing ``part``: what keeps us from it too, if anything does."""
-    try:
-        with part.open("ab", buffering=0) as file:
-            file.write(bytes(2**20))
-            os.fsync(file.fileno())
-            file.write(bytes(1))
-    except OSError as error:
-        return error
-    return OSError("ffmpeg ended before the last picture")
+            raise why_cut(part, ENDED)
 
 
 def check_pictures(video: str | None, images: str | None) -> None:

@@ -1,6 +1,7 @@
 """Recorded trajectories as files that other programs open: one module a format, on one ``Series``.
 
-All keep metres and seconds. z is up; in glTF, where y is, the root is turned.
+All keep metres, seconds and the frame's length. z is up where the format can say so; glTF's is y, so its root is
+turned.
 """
 
 from cloth_envs.export.write import FORMATS, export

@@ -9,6 +9,7 @@ import numpy as np
 from cloth_envs.export.bodies import Body
 from cloth_envs.export.series import Frame, Series
 from cloth_envs.extras import install
+from cloth_envs.files import replacing, why_cut
 from cloth_envs.rendering import look
 
 
@@ -16,6 +17,7 @@ def import_usd() -> Any:
     """OpenUSD's ``pxr``. Raises ImportError: missing; says what to install."""
     try:
         import pxr.Gf
+        import pxr.Sdf
         import pxr.Tf
         import pxr.Usd
         import pxr.UsdGeom
@@ -26,11 +28,26 @@ def import_usd() -> Any:
 
 
 def write(series: Series, frames: Iterable[Frame], path: Path) -> None:
-    """Write ``path``: metres, z up, time code t is t frames after the reset. Raises ImportError: no usd-core.
+    """Write ``path``: metres, z up, time code t is t frames after the reset.
 
-    Raises OSError: it can't be written.
+    Raises:
+        ImportError: no usd-core.
+        OSError: it can't be written; what was there stays.
     """
     pxr = import_usd()
+    stage = _stage(pxr, series, frames)
+    with replacing(path) as part:
+        try:
+            stage.GetRootLayer().Export(str(part))
+            whole = _reads_back(pxr, stage, part)
+        except pxr.Tf.ErrorException:
+            whole = False
+        if not whole:  # USD says so only of some files that were cut short, and never why
+            raise why_cut(part, "it does not read back as it was written")
+
+
+def _stage(pxr: Any, series: Series, frames: Iterable[Frame]) -> Any:
+    """All of it, in memory."""
     geometry, scene = pxr.UsdGeom, series.scene
     stage = pxr.Usd.Stage.CreateInMemory()
     geometry.SetStageMetersPerUnit(stage, 1.0)
@@ -40,7 +57,7 @@ def write(series: Series, frames: Iterable[Frame], path: Path) -> None:
     stage.SetFramesPerSecond(rate)
     root = geometry.Xform.Define(stage, f"/{pxr.Tf.MakeValidIdentifier(scene.name)}")
     stage.SetDefaultPrim(root.GetPrim())
-    mesh = _cloth(pxr, stage, f"{root.GetPath()}/cloth", series)
+    mesh, strain = _cloth(pxr, stage, f"{root.GetPath()}/cloth", series)
     bodies = [_body(pxr, stage, root.GetPath(), body) for body in series.bodies]
     codes = []
     for frame in frames:
@@ -51,16 +68,31 @@ def write(series: Series, frames: Iterable[Frame], path: Path) -> None:
         mesh.GetNormalsAttr().Set(pxr.Vt.Vec3fArray.FromNumpy(frame.normals), code)
         mesh.GetVelocitiesAttr().Set(pxr.Vt.Vec3fArray.FromNumpy(frame.velocities), code)
         mesh.GetExtentAttr().Set(geometry.PointBased.ComputeExtent(points), code)
-        for (shift, turn), at, (x, y, z, w) in zip(bodies, frame.translations, frame.quaternions, strict=True):
+        strain.Set(pxr.Vt.FloatArray.FromNumpy(frame.strain), code)
+        for (shape, shift, turn), (at, (x, y, z, w), length) in zip(bodies, frame.places, strict=True):
             shift.Set(pxr.Gf.Vec3d(*at.tolist()), code)
             turn.Set(pxr.Gf.Quatd(float(w), float(x), float(y), float(z)), code)
+            if shape.GetPrim().IsA(geometry.Capsule):
+                shape.GetHeightAttr().Set(length, code)
     stage.SetStartTimeCode(codes[0])
     stage.SetEndTimeCode(codes[-1])
-    if not stage.GetRootLayer().Export(str(path)):
-        raise OSError(f"can't write {path}: OpenUSD says why above; choose a path that you may write")
+    return stage
 
 
-def _cloth(pxr: Any, stage: Any, path: str, series: Series) -> Any:
+def _reads_back(pxr: Any, stage: Any, part: Path) -> bool:
+    """Whether the file holds every value of ``stage``."""
+    written = pxr.Usd.Stage.Open(pxr.Sdf.Layer.OpenAsAnonymous(str(part)))
+    for prim in stage.Traverse():
+        for meant in prim.GetAuthoredAttributes():
+            found = written.GetAttributeAtPath(meant.GetPath())
+            for time in meant.GetTimeSamples() or [pxr.Usd.TimeCode.Default()]:
+                if not found or not np.array_equal(found.Get(time), meant.Get(time)):
+                    return False
+    return True
+
+
+def _cloth(pxr: Any, stage: Any, path: str, series: Series) -> tuple[Any, Any]:
+    """Define the cloth's mesh; returns it and its strain, to be set at every frame."""
     mesh = pxr.UsdGeom.Mesh.Define(stage, path)
     mesh.CreateFaceVertexCountsAttr(pxr.Vt.IntArray.FromNumpy(np.full(len(series.triangles), 3, np.int32)))
     mesh.CreateFaceVertexIndicesAttr(pxr.Vt.IntArray.FromNumpy(series.triangles.ravel()))
@@ -68,29 +100,25 @@ def _cloth(pxr: Any, stage: Any, path: str, series: Series) -> Any:
     mesh.CreateDoubleSidedAttr(True)
     mesh.SetNormalsInterpolation(pxr.UsdGeom.Tokens.vertex)
     mesh.CreateDisplayColorAttr([_color(pxr, look.CLOTH_FRONT)])
-    kind = pxr.Sdf.ValueTypeNames.TexCoord2fArray
-    texture = pxr.UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", kind, pxr.UsdGeom.Tokens.vertex)
+    kinds, primvars = pxr.Sdf.ValueTypeNames, pxr.UsdGeom.PrimvarsAPI(mesh)
+    texture = primvars.CreatePrimvar("st", kinds.TexCoord2fArray, pxr.UsdGeom.Tokens.vertex)
     texture.Set(pxr.Vt.Vec2fArray.FromNumpy(series.texture))
-    return mesh
+    return mesh, primvars.CreatePrimvar("strain", kinds.FloatArray, pxr.UsdGeom.Tokens.vertex)
 
 
-def _body(pxr: Any, stage: Any, parent: Any, body: Body) -> tuple[Any, Any]:
-    """Define a body; returns its translation and its turn, to be set at every frame."""
+def _body(pxr: Any, stage: Any, parent: Any, body: Body) -> tuple[Any, Any, Any]:
+    """Define a body; returns it, its translation and its turn, to be set at every frame."""
     path = f"{parent}/{pxr.Tf.MakeValidIdentifier(body.name)}"
     if body.kind == "plane":
         shape = pxr.UsdGeom.Plane.Define(stage, path)
-        shape.CreateWidthAttr(body.length)
-        shape.CreateLengthAttr(body.length)
-    elif body.length:
-        shape = pxr.UsdGeom.Capsule.Define(stage, path)
-        shape.CreateHeightAttr(body.length)
-        shape.CreateRadiusAttr(body.radius)
+        shape.CreateWidthAttr(body.size)
+        shape.CreateLengthAttr(body.size)
     else:
-        shape = pxr.UsdGeom.Sphere.Define(stage, path)
-        shape.CreateRadiusAttr(body.radius)
+        shape = (pxr.UsdGeom.Capsule if body.kind == "capsule" else pxr.UsdGeom.Sphere).Define(stage, path)
+        shape.CreateRadiusAttr(body.size)
     shape.CreateDisplayColorAttr([_color(pxr, look.BODY)])
     double = pxr.UsdGeom.XformOp.PrecisionDouble
-    return shape.AddTranslateOp(), shape.AddOrientOp(double)
+    return shape, shape.AddTranslateOp(), shape.AddOrientOp(double)
 
 
 def _color(pxr: Any, color: str) -> Any:
