@@ -107,9 +107,14 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         self.world.set_positions(positions, velocities)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        check_reset_options(options)
         self._limits.find(self)
-        super().reset(seed=check_seed(seed))
+        try:
+            check_reset_options(options)
+            seed = check_seed(seed)
+        except ValueError:
+            self._limits.move(0, int(self.world.frames[0]))  # they have begun to count anew
+            raise
+        super().reset(seed=seed)
         self.world.reset({0: self.np_random})
         return self._observation(), {}
 
