@@ -117,10 +117,8 @@ def check_condition(scene: Scene, material: Material, h: float, dtype: np.dtype)
         ValueError: says what to change.
     """
     springs, bending = stiffness_bound(scene, material)
-    found, most = (
-        1 + h * h * (springs + bending) + h * material.damping * springs,
-        CONDITION / float(np.finfo(dtype).eps),
-    )
+    found = 1 + h * h * (springs + bending) + h * material.damping * springs
+    most = CONDITION / float(np.finfo(dtype).eps)
     if not found < most:
         raise ValueError(
             f"this material makes an implicit step too stiff for {dtype} (condition {found:.2g}, at most {most:.2g}): "
