@@ -12,6 +12,7 @@ from cloth_envs.arguments import as_plain, read_actions
 from cloth_envs.failure import Failures
 from cloth_envs.grid import check_resolution
 from cloth_envs.material import Material, as_material, check_ranges, warn_unusual
+from cloth_envs.naming import counted
 from cloth_envs.observation import Observer
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import BACKENDS, load_task, make_backend, register_backend
@@ -89,7 +90,7 @@ class World:
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.task.actions),), np.float32)
 
     def __repr__(self) -> str:
-        return f"<World {self.title}, {self.num_envs} environments, {self.progress}>"
+        return f"<World {self.title}, {counted(self.num_envs, 'environment')}, {self.progress}>"
 
     @property
     def started(self) -> bool:
