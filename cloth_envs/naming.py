@@ -11,7 +11,7 @@ from cloth_envs.extras import EXTRAS, missing
 
 def unknown_name(what: str, name: object, choices: Iterable[str], *, meant: str | None = None) -> ValueError:
     """A ``ValueError`` that says what to write instead of ``name``: ``meant``, or the choice that is most like it."""
-    known = sorted(choices)
+    known = sorted(set(choices))
     near = meant if meant in known else nearest(name, known)
     hint = f" Did you mean {near!r}?" if near else ""
     return ValueError(f"unknown {what} {name!r}.{hint} Choose one of {', '.join(map(repr, known))}.")

@@ -14,6 +14,8 @@ from cloth_envs.grid import check_resolution
 from cloth_envs.material import Material, as_material, check_ranges, warn_unusual
 from cloth_envs.naming import counted
 from cloth_envs.observation import Observer
+from cloth_envs.physics.solver import solvers_of
+from cloth_envs.places import check_backend_kwargs
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import BACKENDS, load_task, make_backend, register_backend
 from cloth_envs.scenes.drives import clip_actions
@@ -71,6 +73,7 @@ class World:
         chosen = as_plain({} if backend_kwargs is None else backend_kwargs)
         if backend == "reference" and isinstance(chosen, Mapping) and "solver" not in chosen:
             chosen = {**solver_of(preset), **chosen}
+        check_backend_kwargs(backend, chosen, solvers=solvers_of(self.scene), beside=self._arguments)
         self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=chosen)
         self._check_ranges()
         warn_unusual(material, self.ranges)

@@ -23,8 +23,10 @@ def _rollout(given: argparse.Namespace) -> str:
     from cloth_envs.backend import parse_backend
     from cloth_envs.commands.entries import read_resolution
     from cloth_envs.commands.rollout import rollout
+    from cloth_envs.places import check_backend_kwargs
 
     backend, options = parse_backend(given.backend)
+    check_backend_kwargs(backend, options, shell=True)
     own = {"backend": backend, "backend_kwargs": options, "preset": _named(given.preset, "--preset")}
     if given.resolution is not None:
         own["resolution"] = read_resolution(given.resolution)
