@@ -41,7 +41,9 @@ def check_options(given: Mapping[str, Any], *takers: Callable[..., Any]) -> None
         own, chosen = given.get("backend_kwargs"), given.get("backend", "reference")
         home = find_home(name, value, chosen, own if isinstance(own, Mapping) else {})
         if home is not None:
-            raise ValueError(f"unknown keyword {name!r}; it belongs to the physics: write {as_arguments(*home, chosen)}")
+            raise ValueError(
+                f"unknown keyword {name!r}; it belongs to the physics: write {as_arguments(*home, chosen)}"
+            )
         if name in material.PROPERTIES or name in material.MEANT:
             write = {material.MEANT.get(name, name): value}
             raise ValueError(f"unknown keyword {name!r}; it belongs to the material: write material={write!r}")
