@@ -132,7 +132,7 @@ FABRICS: dict[str, Material] = {
 def warn_unusual(
     material: Material | str | Mapping[str, Any] | None, ranges: Mapping[str, tuple[float, float]]
 ) -> None:
-    """Warn, with the unit, of values that no cloth has among those that ``material`` and ``ranges`` give; of each once."""
+    """Warn once, with the unit, of each value that no cloth has of those that ``material`` and ``ranges`` give."""
     own = material.as_dict() if isinstance(material, Material) else material if isinstance(material, Mapping) else {}
     for name, (low, high, unit) in USUAL.items():
         fixed = [own[name]] if name in own else []

@@ -50,26 +50,24 @@ def find_home(
 def _homes(
     word: str, value: object, takes: list[str], given: Options, solvers: Mapping[str, str]
 ) -> Iterator[dict[str, Any]]:
-    """Options of one backend that hold ``word``; of ``given`` they keep what fits."""
-    nested = given.get("solver_kwargs")
-    kept = {name: item for name, item in given.items() if name in takes and name not in (word, "solver_kwargs")}
-    usual = kept.get("solver", "explicit")
-    for solver in dict.fromkeys([usual, *solvers]) if "solver" in takes else [None]:
-        own = keywords(resolve(solvers[solver])) if solver in solvers else []
-        choice = {} if solver in (None, usual) else {"solver": solver}
-        if "solver_kwargs" in takes:
-            inner = {n: v for n, v in nested.items() if n in own and n != word} if isinstance(nested, Mapping) else {}
-            if word in own and word not in takes:
-                inner[word] = value
-            rest = {"solver_kwargs": inner} if inner else {}
-        else:
-            rest = {name: item for name, item in given.items() if name in own and name != word}
-            if word in own:
-                rest[word] = value
+    """Options that hold ``word``, of a backend that names ``takes``; of ``given`` they keep what fits."""
+    fits = {name: item for name, item in given.items() if name in takes and name not in (word, "solver_kwargs")}
+    if "solver" not in takes:
         if word in takes:
-            yield {**kept, **rest, word: value}
+            yield fits | {word: value}
+        return
+    usual = fits["solver"] if isinstance(fits.get("solver"), str) else "explicit"
+    nested = "solver_kwargs" in takes
+    for solver in dict.fromkeys([usual, *solvers]):
+        own = keywords(resolve(solvers[solver])) if solver in solvers else []
+        beside = given.get("solver_kwargs") if nested else given
+        rest = {n: v for n, v in beside.items() if n in own and n != word} if isinstance(beside, Mapping) else {}
+        if word in takes:
+            yield fits | ({"solver_kwargs": rest} if nested and rest else rest) | {word: value}
         elif word in own:
-            yield {**kept, **choice, **rest}
+            choice = {} if solver == usual else {"solver": solver}
+            rest |= {word: value}
+            yield fits | choice | ({"solver_kwargs": rest} if nested else rest)
 
 
 def check_backend_kwargs(
