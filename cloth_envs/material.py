@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -76,7 +77,7 @@ class Material:
         """
         for name in changes:
             if name not in PROPERTIES:
-                raise unknown_name("material property", name, PROPERTIES)
+                raise unknown_name("material property", name, PROPERTIES, meant=MEANT.get(name))
         return replace(self, **changes)
 
     def as_dict(self) -> dict[str, float]:
@@ -85,16 +86,33 @@ class Material:
 
 PROPERTIES = tuple(field.name for field in fields(Material))
 
-# What any cloth has, from gauze to leather, with room on either side: beyond it a value is in another unit.
+# What other packages and people call it.
+MEANT = {
+    "mass": "areal_density",
+    "weight": "areal_density",
+    "density": "areal_density",
+    "stiffness": "stretch_stiffness",
+    "spring": "stretch_stiffness",
+    "elasticity": "stretch_stiffness",
+    "young": "stretch_stiffness",
+    "youngs_modulus": "stretch_stiffness",
+    "bending": "bend_stiffness",
+    "bending_stiffness": "bend_stiffness",
+    "air_drag": "drag",
+    "friction": "drag",
+}
+
+# What any cloth has, from gauze to leather, with room on either side: beyond it a value is in another unit. Threads
+# reach 50 times the stretch stiffness of FABRICS; 0 switches a term off.
 USUAL: dict[str, tuple[float, float, str]] = {
     "areal_density": (0.005, 5.0, "kg/m^2: 200 g/m^2 is written 0.2"),
-    "stretch_stiffness": (1.0, 1e6, "N/m: Young's modulus [Pa] times the thickness [m]"),
-    "shear_stiffness": (0.0, 1e5, "N/m: 1 gf/cm/degree is written 56"),
-    "bend_stiffness": (0.0, 0.05, "N m: 0.1 gf cm^2/cm is written 9.8e-6"),
-    "damping": (0.0, 0.05, "s: a relaxation time, no damping ratio, such as 5e-5"),
-    "drag": (0.0, 50.0, "1/s: the rate at which still air slows the cloth, such as 0.5"),
+    "stretch_stiffness": (1.0, 2e5, "N/m: Young's modulus [Pa] times the thickness [m]"),
+    "shear_stiffness": (0.1, 2e4, "N/m: 1 gf/cm/degree is written 56"),
+    "bend_stiffness": (1e-8, 0.01, "N m: 0.1 gf cm^2/cm is written 9.8e-6"),
+    "damping": (0.0, 0.01, "s: a relaxation time, no damping ratio, such as 5e-5"),
+    "drag": (0.0, 20.0, "1/s: the rate at which still air slows the cloth, such as 0.5"),
     "buckling_strain": (0.0, 1.0, "a share of the length: 3 % is written 0.03"),
-    "compression_damping": (0.0, 1e3, "a ratio of two dampings, such as 4"),
+    "compression_damping": (0.0, 8.0, "a ratio of two dampings, such as 4"),
 }
 
 # Density, shear and bending follow KES-F measurements of such cloths (Kawabata 1980: shear
@@ -114,15 +132,20 @@ FABRICS: dict[str, Material] = {
 def warn_unusual(
     material: Material | str | Mapping[str, Any] | None, ranges: Mapping[str, tuple[float, float]]
 ) -> None:
-    """Warn, with the unit, of values that no cloth has among those that ``material`` and ``ranges`` give."""
+    """Warn once, with the unit, of each value that no cloth has of those that ``material`` and ``ranges`` give."""
     own = material.as_dict() if isinstance(material, Material) else material if isinstance(material, Mapping) else {}
     for name, (low, high, unit) in USUAL.items():
         fixed = [own[name]] if name in own else []
         for what, values in ((f"material {name}", fixed), (f"randomize[{name!r}]", ranges.get(name, ()))):
-            odd = next((value for value in values if not low <= value <= high), None)
+            odd = next((value for value in values if value and not low <= value <= high), None)
             if odd is not None:
-                text = f"{what}={odd:g} is far from what cloths have ({low:g} to {high:g}); its unit is {unit}"
-                logger.warn("%s", text)
+                warn_once(f"{what}={odd:g} is far from what cloths have ({low:g} to {high:g}); its unit is {unit}")
+
+
+@cache
+def warn_once(text: str) -> None:
+    """Warn the first time in this process: many environments are made alike."""
+    logger.warn("%s", text)
 
 
 def as_material(value: Material | str | Mapping[str, Any] | None, default: Material) -> Material:
@@ -162,7 +185,7 @@ def check_ranges(randomize: Mapping[str, Sequence[float]] | None) -> dict[str, t
     ranges = {}
     for name, limits in randomize.items():
         if name not in PROPERTIES:
-            raise unknown_name("material property in randomize:", name, PROPERTIES)
+            raise unknown_name("material property in randomize:", name, PROPERTIES, meant=MEANT.get(name))
         items = as_items(limits) or []
         low, high = map(as_number, items) if len(items) == 2 else (None, None)
         if low is None or high is None or not low <= high:

@@ -1,5 +1,6 @@
 """Names: what they stand for, and errors for unknown ones that list the choices and name the nearest match."""
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
 from importlib import import_module
@@ -10,11 +11,22 @@ from cloth_envs.extras import EXTRAS, missing
 
 def unknown_name(what: str, name: object, choices: Iterable[str], *, meant: str | None = None) -> ValueError:
     """A ``ValueError`` that says what to write instead of ``name``: ``meant``, or the choice that is most like it."""
-    known = sorted(choices)
-    folded = {choice.lower(): choice for choice in known}
-    near = [meant] if meant in known else get_close_matches(str(name).lower(), folded, n=1, cutoff=0.4)
-    hint = f" Did you mean {folded[near[0].lower()]!r}?" if near else ""
+    known = sorted(set(choices))
+    near = meant if meant in known else nearest(name, known)
+    hint = f" Did you mean {near!r}?" if near else ""
     return ValueError(f"unknown {what} {name!r}.{hint} Choose one of {', '.join(map(repr, known))}.")
+
+
+def nearest(name: object, choices: Iterable[str]) -> str | None:
+    """The choice that is spelled much like ``name``, in any case, or has it among its words; None if none is."""
+    folded, text = {choice.lower().lstrip("-"): choice for choice in choices}, str(name).lower().lstrip("-")
+    near = get_close_matches(text, folded, n=1) or [choice for choice in folded if text in re.split(r"[\W_]+", choice)]
+    return folded[near[0]] if near else None
+
+
+def counted(number: int, noun: str, plural: str | None = None) -> str:
+    """``1 frame``, ``2 frames``; ``plural`` where it is not the noun and an s."""
+    return f"{number} {noun if number == 1 else plural or f'{noun}s'}"
 
 
 def resolve(path: str) -> Any:

@@ -1,13 +1,12 @@
 """Keywords that no environment takes: what was meant, and where it is written."""
 
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from typing import Any
 
+from cloth_envs import material
 from cloth_envs.backend import keywords
-from cloth_envs.naming import resolve, unknown_name
-from cloth_envs.physics.solver import SOLVERS
-from cloth_envs.registry import BACKENDS, load_backend
+from cloth_envs.naming import unknown_name
+from cloth_envs.places import ELSEWHERE, as_arguments, find_home
 
 # What other packages call it.
 MEANT = {
@@ -21,13 +20,6 @@ MEANT = {
     "simulator": "backend",
     "render": "render_mode",
     "kwargs": "backend_kwargs",
-}
-# What is no keyword of an environment: where it belongs.
-ELSEWHERE = {
-    "seed": "a seed is given to the reset: write env.reset(seed={value!r})",
-    "options": "options are given to the reset: write env.reset(options={value!r})",
-    "num_envs": "a single environment has one cloth: write gymnasium.make_vec(id, num_envs={value!r})",
-    "n_envs": "many cloths are num_envs of a vector environment: write gymnasium.make_vec(id, num_envs={value!r})",
 }
 
 
@@ -46,26 +38,13 @@ def check_options(given: Mapping[str, Any], *takers: Callable[..., Any]) -> None
             raise TypeError("got an unexpected keyword argument 'frameskip': repeat actions in a wrapper")
         if name in ELSEWHERE:
             raise ValueError(f"unknown keyword {name!r}; {ELSEWHERE[name].format(value=value)}")
-        owner = _owner(name, given)
-        if owner is not None:
-            text = ", ".join(f"{key}={item!r}" for key, item in owner.items())
-            raise ValueError(f"unknown keyword {name!r}; it belongs to the physics: write {text}")
+        own, chosen = given.get("backend_kwargs"), given.get("backend", "reference")
+        home = find_home(name, value, chosen, own if isinstance(own, Mapping) else {})
+        if home is not None:
+            raise ValueError(
+                f"unknown keyword {name!r}; it belongs to the physics: write {as_arguments(*home, chosen)}"
+            )
+        if name in material.PROPERTIES or name in material.MEANT:
+            write = {material.MEANT.get(name, name): value}
+            raise ValueError(f"unknown keyword {name!r}; it belongs to the material: write material={write!r}")
         raise unknown_name("keyword", name, choices, meant=MEANT.get(name))
-
-
-def _owner(name: str, given: Mapping[str, Any]) -> dict[str, Any] | None:
-    """The options with which a backend or a solver takes the keyword, those given first; None if none does."""
-    chosen, own = given.get("backend", "reference"), given.get("backend_kwargs")
-    kwargs = {**(own if isinstance(own, Mapping) else {}), name: given[name]}
-    names = [chosen, *BACKENDS] if isinstance(chosen, str) else list(BACKENDS)
-    for backend in names:
-        takes: list[str] = []
-        with suppress(ValueError, ImportError):  # a backend of somebody else's that can't be loaded says so when chosen
-            takes = keywords(load_backend(backend))
-        if name in takes:
-            return ({"backend": backend} if backend != "reference" else {}) | {"backend_kwargs": kwargs}
-    for solver, path in SOLVERS.items():
-        if name in keywords(resolve(path)):
-            choice = {} if solver == "explicit" else {"solver": solver}
-            return {"backend_kwargs": choice | kwargs}
-    return None

@@ -1,5 +1,6 @@
 """Scenes and backends by name. To add one of this package, add one line here; others register from outside."""
 
+import re
 from collections.abc import Mapping
 from importlib.metadata import entry_points
 from inspect import signature
@@ -55,7 +56,8 @@ def env_id(scene: str) -> str:
 def load_task(name: str) -> type[Any]:
     """The ``scenes.task.Task`` class of a scene. Raises ValueError: unknown scene; the nearest match is named."""
     if not isinstance(name, str) or name not in SCENES:
-        raise unknown_name("scene", name, SCENES)
+        short = re.fullmatch(env_id("(.+)").replace("v0", r"v\d+"), str(name))  # the id is what gym.make takes
+        raise unknown_name("scene", name, SCENES, meant=short[1] if short else None)
     return resolve(SCENES[name])
 
 

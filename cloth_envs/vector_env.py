@@ -11,6 +11,7 @@ from gymnasium.vector.utils import batch_space
 
 from cloth_envs.arguments import as_whole, check_mask, check_reset_options, check_seeds, one_of, whole_number
 from cloth_envs.backend import keywords, plain_words
+from cloth_envs.naming import counted
 from cloth_envs.observation import member
 from cloth_envs.options import check_options
 from cloth_envs.registry import load_backend
@@ -76,7 +77,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         self._ended = np.zeros(num_envs, bool)
 
     def __repr__(self) -> str:
-        return f"<ClothVectorEnv {self.world.title}, {self.num_envs} environments, {self.world.progress}>"
+        return f"<ClothVectorEnv {self.world.title}, {counted(self.num_envs, 'environment')}, {self.world.progress}>"
 
     @property
     def scene(self) -> Scene:

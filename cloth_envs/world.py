@@ -12,7 +12,10 @@ from cloth_envs.arguments import as_plain, read_actions
 from cloth_envs.failure import Failures
 from cloth_envs.grid import check_resolution
 from cloth_envs.material import Material, as_material, check_ranges, warn_unusual
+from cloth_envs.naming import counted
 from cloth_envs.observation import Observer
+from cloth_envs.physics.solver import solvers_of
+from cloth_envs.places import check_backend_kwargs
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import BACKENDS, load_task, make_backend, register_backend
 from cloth_envs.scenes.drives import clip_actions
@@ -70,6 +73,7 @@ class World:
         chosen = as_plain({} if backend_kwargs is None else backend_kwargs)
         if backend == "reference" and isinstance(chosen, Mapping) and "solver" not in chosen:
             chosen = {**solver_of(preset), **chosen}
+        check_backend_kwargs(backend, chosen, solvers=solvers_of(self.scene), beside=self._arguments)
         self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=chosen)
         self._check_ranges()
         warn_unusual(material, self.ranges)
@@ -89,7 +93,7 @@ class World:
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.task.actions),), np.float32)
 
     def __repr__(self) -> str:
-        return f"<World {self.title}, {self.num_envs} environments, {self.progress}>"
+        return f"<World {self.title}, {counted(self.num_envs, 'environment')}, {self.progress}>"
 
     @property
     def started(self) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import cloth_envs
+from cloth_envs.material import warn_once
 from cloth_envs.registry import EPISODE_FRAMES, make_backend
 
 ID = "MiniCloth-Flag-v0"
@@ -55,6 +56,12 @@ MISTAKES: dict[str, tuple[Callable[[], object], list[str]]] = {
     "render": (lambda: one(render=True), ["mean 'render_mode'"]),
     "rendermode": (lambda: one(rendermode="rgb_array"), ["mean 'render_mode'"]),
     "nothing like it": (lambda: one(xyz=1), ["'xyz'", "'backend'", "'material'", "'render_mode'"]),
+    "frame_dt": (lambda: one(frame_dt=0.01), ["belongs to the scene: leave it out"]),
+    "substeps of a miniature": (
+        lambda: one(substeps=5, backend="miniature"),
+        ["write backend_kwargs={'solver_kwargs': {'substeps': 5}}"],
+    ),
+    "density": (lambda: one(density=0.3), ["write material={'areal_density': 0.3}"]),
     "num_envs of one": (lambda: one(num_envs=2), ["make_vec(id, num_envs=2)"]),
     "fabric of many": (lambda: many(fabric="silk"), ["mean 'material'", "'autoreset_mode'"]),
     "threads of many": (lambda: many(threads=2), ["backend_kwargs={'threads': 2}"]),
@@ -64,6 +71,54 @@ MISTAKES: dict[str, tuple[Callable[[], object], list[str]]] = {
     "backend class": (lambda: one(backend=dict), ["register_backend"]),
     "backend_kwargs": (lambda: one(backend_kwargs=4), ["must be a dict, got 4"]),
     "backend_kwargs list": (lambda: one(backend_kwargs=["solver"]), ["must be a dict, got ['solver']"]),
+    "solver misspelt": (lambda: physics(sovler="admm"), ["mean 'solver'", "'solver', 'substeps', 'threads'."]),
+    "threads misspelt": (lambda: physics(thread=2), ["mean 'threads'"]),
+    "another solver's": (
+        lambda: physics(iterations=10),
+        ["write backend_kwargs={'solver': 'admm', 'iterations': 10}"],
+    ),
+    "explicit's": (
+        lambda: physics(solver="admm", iterations=4, refine=2),
+        ["write backend_kwargs={'solver': 'explicit', 'refine': 2}"],
+    ),
+    "device of cnn": (lambda: physics(device="cpu"), ["write backend='cnn', backend_kwargs={'device': 'cpu'}"]),
+    "engine of cnn": (lambda: physics(engine="torch"), ["write backend='cnn', backend_kwargs={'engine': 'torch'}"]),
+    "factor of miniature": (
+        lambda: physics(factor=2, threads=2),
+        ["write backend='miniature', backend_kwargs={'threads': 2, 'factor': 2}"],
+    ),
+    "upscaler of miniature": (lambda: cnn(upscaler="bicubic"), ["backend='miniature', backend_kwargs={'upscaler'"]),
+    "scaling of miniature": (lambda: cnn(scaling="similar"), ["backend='miniature', backend_kwargs={'scaling'"]),
+    "solver of cnn": (lambda: cnn(solver="admm"), ["write backend='reference', backend_kwargs={'solver': 'admm'}"]),
+    "substeps in a miniature": (
+        lambda: miniature(substeps=5),
+        ["write backend_kwargs={'solver_kwargs': {'substeps': 5}}"],
+    ),
+    "iterations in a miniature": (
+        lambda: miniature(iterations=5, factor=4),
+        ["write backend_kwargs={'factor': 4, 'solver': 'admm', 'solver_kwargs': {'iterations': 5}}"],
+    ),
+    "factor of its solver": (lambda: miniature(solver_kwargs={"factor": 4}), ["write backend_kwargs={'factor': 4}"]),
+    "solver_kwargs of reference": (
+        lambda: physics(solver_kwargs={"refine": 2}, threads=2),
+        ["write backend_kwargs={'threads': 2, 'refine': 2}"],
+    ),
+    "resolution of physics": (
+        lambda: physics(resolution=(9, 13)),
+        ["it belongs to the environment: write resolution=(9, 13) beside backend_kwargs"],
+    ),
+    "frame_dt of physics": (lambda: physics(frame_dt=0.01), ["belongs to the scene: leave it out"]),
+    "seed of physics": (lambda: physics(seed=1), ["env.reset(seed=1)"]),
+    "physics of many": (
+        lambda: many(backend_kwargs={"iterations": 4, "threads": 1}),
+        ["write backend_kwargs={'threads': 1, 'solver': 'admm', 'iterations': 4}"],
+    ),
+    "material mass": (lambda: one(material={"mass": 0.3}), ["mean 'areal_density'"]),
+    "material stiffness": (lambda: one(material={"stiffness": 9}), ["mean 'stretch_stiffness'"]),
+    "randomize mass": (lambda: one(randomize={"mass": (0.1, 0.3)}), ["mean 'areal_density'"]),
+    "randomize density": (lambda: one(randomize={"density": (0.1, 0.3)}), ["mean 'areal_density'"]),
+    "randomize weight": (lambda: one(randomize={"weight": (0.1, 0.3)}), ["mean 'areal_density'"]),
+    "randomize stiffness": (lambda: one(randomize={"stiffness": (100, 300)}), ["mean 'stretch_stiffness'"]),
     "material number": (lambda: one(material=3), ["fabric's name or a dict", '{"areal_density": 0.3}']),
     "material text": (lambda: one(material={"drag": "0.2"}), ["drag must be a number, got '0.2'"]),
     "preset option": (lambda: one(preset={"name": "lee2019", "mass": "3"}), ["finite number as mass, got '3'"]),
@@ -125,6 +180,52 @@ def test_a_mistake_is_answered_by_what_to_write(name: str) -> None:
     for word in words:
         assert word in str(error.value)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: one(xyz=1),
+        lambda: physics(colour=1),
+        lambda: miniature(solver_kwargs={"xyz": 1}),
+        lambda: one(material={"pressure": 1}),
+        lambda: one(randomize={"pressure": (1, 2)}),
+    ],
+)
+def test_nothing_is_offered_that_is_not_like_it(make: Callable[[], object]) -> None:
+    with pytest.raises(ValueError, match="Choose one of") as error:
+        make()
+    assert "Did you mean" not in str(error.value)
+
+
+@pytest.mark.parametrize("backend", ["reference", "cnn", "miniature"])
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"iterations": 3}, {"substeps": 90}, {"factor": 4}, {"engine": "compiled"}, {"scheme": "euler"},
+        {"solver": "admm"}, {"solver": "admm", "iterations": 3, "refine": 2}, {"solver_kwargs": {"substeps": 90}},
+        {"dtype": "float64"}, {"solver": "admm", "guard": True}, {"solver": "implicit", "factor": 2},
+    ],
+    ids=str,
+)  # fmt: skip
+def test_what_is_offered_can_be_written(backend: str, wrong: dict[str, Any]) -> None:
+    """After as many corrections as there are words, at most."""
+    options = {"backend": backend, "backend_kwargs": wrong}
+    for _ in wrong:
+        try:
+            one(**options)
+        except ValueError as error:
+            _, write, text = str(error).partition("; write ")
+            assert write
+            options |= eval(f"dict({text})")
+    one(**options)
+
+
+@pytest.mark.parametrize("word", ["iterations", "substeps", "solver_kwargs"])
+def test_a_net_of_particles_is_offered_no_solver_of_sheets(word: str) -> None:
+    with pytest.raises(ValueError, match=word) as error:
+        gym.make("MiniCloth-Hanging-v0", preset="zhao2024", backend_kwargs={word: 4})
+    assert "admm" not in str(error.value)
 
 
 ACTIONS: dict[str, tuple[Any, str]] = {
@@ -265,6 +366,12 @@ def test_minus_one_is_no_limit_as_in_make() -> None:
     assert not any(env.step(actions)[3].any() for _ in range(EPISODE_FRAMES["Flag"] + 1))
 
 
+@pytest.fixture
+def nothing_told() -> None:
+    """As in a process that has warned of nothing so far."""
+    warn_once.cache_clear()
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -275,16 +382,39 @@ def test_minus_one_is_no_limit_as_in_make() -> None:
         ({"material": {"bend_stiffness": 0.4}, "backend_kwargs": {"solver": "admm"}}, "bend_stiffness=0.4 .*9.8e-6"),
         ({"material": {"damping": 0.2}, "backend_kwargs": {"solver": "admm"}}, "damping=0.2 .*relaxation time"),
         ({"material": {"drag": 100}}, "drag=100 .*1/s"),
+        ({"material": {"drag": 50}}, "drag=50 .*1/s"),
+        ({"material": {"stretch_stiffness": 1e6}, "backend_kwargs": {"solver": "admm"}}, "=1e\\+06 .* N/m"),
+        ({"material": {"shear_stiffness": 1e-3}}, "shear_stiffness=0.001 .*56"),
+        ({"material": {"compression_damping": 9}}, "compression_damping=9 .*ratio"),
         ({"material": {"buckling_strain": 3}}, "3 % is written 0.03"),
     ],
     ids=str,
 )
+@pytest.mark.usefixtures("nothing_told")
 def test_values_of_another_unit_warn_once_with_the_unit(options: dict[str, Any], words: str) -> None:
     with pytest.warns(UserWarning, match=words) as told:
         one(disable_env_checker=True, **options)
     assert len(told) == 1
 
 
+@pytest.mark.usefixtures("nothing_told")
+def test_a_value_is_warned_of_once_in_a_process() -> None:
+    odd: dict[str, Any] = {"material": {"drag": 60}, "disable_env_checker": True}
+    with pytest.warns(UserWarning, match="drag=60") as told:
+        gym.make_vec(ID, num_envs=3, vectorization_mode="sync", **SMALL, **odd)
+        one(**odd)
+    assert len(told) == 1
+    with pytest.warns(UserWarning, match="drag=61"):
+        one(**odd | {"material": {"drag": 61}})
+
+
+@pytest.mark.usefixtures("nothing_told")
+def test_a_term_that_is_switched_off_warns_of_nothing() -> None:
+    one(material={"shear_stiffness": 0, "bend_stiffness": 0, "damping": 0, "drag": 0})
+    one(randomize={"bend_stiffness": (0, 1e-5)})
+
+
+@pytest.mark.usefixtures("nothing_told")
 def test_what_is_shipped_warns_of_nothing() -> None:
     """Warnings are errors here: fabrics, presets, and the coarse materials of the miniature."""
     for fabric, material in cloth_envs.FABRICS.items():

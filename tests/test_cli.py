@@ -14,7 +14,7 @@ import pytest
 from imageio_ffmpeg import count_frames_and_secs
 
 import cloth_envs
-from cloth_envs.commands.cli import main
+from cloth_envs.commands.cli import RUNS, main
 from cloth_envs.commands.entries import Entry, choose_entries
 from cloth_envs.commands.measure import compare, restart
 from cloth_envs.grid import Grid, coarser
@@ -249,6 +249,21 @@ def test_labels_keep_their_distance() -> None:
         (["compare", "Flag", "--backend", "none"], "unknown backend 'none'"),
         (["compare", "Flag", "--backend", "reference@33"], "ROWSxCOLS"),
         (["bench", "troughput"], "Did you mean 'throughput'?"),
+        (["rollout", "MiniCloth-Flag-v0"], "Did you mean 'Flag'?"),
+        (["compare", "MiniCloth-Flag-v1"], "Did you mean 'Flag'?"),
+        (["generate", "MiniCloth-Flag-v0"], "Did you mean 'Flag'?"),
+        (["list", "--scene", "MiniCloth-Flag-v0"], "Did you mean 'Flag'?"),
+        (["rollout", "Flag", "--backend", 'reference={"sovler": "admm"}'], "Did you mean 'solver'?"),
+        (
+            ["rollout", "Flag", "--backend", 'reference={"iterations": 4}'],
+            """write --backend 'reference={"solver": "admm", "iterations": 4}'""",
+        ),
+        (
+            ["compare", "Flag", "--backend", 'cnn@9x13={"factor": 4}'],
+            """write --backend 'miniature={"factor": 4}'""",
+        ),
+        (["report", "--data", "none", "--out", "a.html"], "there is no folder none: choose another --data"),
+        (["report", "--data", ".", "--images", "none", "--out", "a.html"], "choose another --images"),
     ],
 )
 def test_mistakes_end_in_one_line(
@@ -268,11 +283,70 @@ def test_mistakes_end_in_one_line(
 
 
 @pytest.mark.parametrize(
-    "argv", [["rollout", "Flag", "--frames", "0"], ["rollout", "Flag", "--seed", "-1"], ["rol"], []]
+    ("argv", "words"),
+    [
+        (["rollout", "Flag", "--frames", "0"], "must be at least 1, got 0"),
+        (["rollout", "Flag", "--seed", "-1"], "must be at least 0, got -1"),
+        (["rollout", "Flag", "--seed", "abc"], "must be a whole number, got 'abc'"),
+        (["render", "a.h5", "--trajectory", "x"], "must be a whole number, got 'x'"),
+        (["generate", "Flag", "--trajectories", "2.5"], "must be a whole number, got '2.5'"),
+        (["train", "local", "--rate", "fast"], "must be a number, got 'fast'"),
+        (["rol"], "Did you mean 'rollout'?"),
+        (["rollout", "Flag", "--steps", "3"], "Did you mean '--frames'?"),
+        (["rollout", "Flag", "--policies", "zero"], "Did you mean '--policy'?"),
+        (["rollout", "Flag", "--solver", "admm"], """write --backend 'reference={"solver": "admm"}'"""),
+        (["rollout", "Flag", "--solver=admm"], """write --backend 'reference={"solver": "admm"}'"""),
+        (["compare", "Flag", "--factor", "4"], """write --backend 'miniature={"factor": 4}'"""),
+        (
+            ["rollout", "Flag", "--backend", 'miniature={"factor": 4}', "--substeps", "90"],
+            """write --backend 'miniature={"factor": 4, "solver_kwargs": {"substeps": 90}}'""",
+        ),
+        (["rollout", "Flag", "--drag", "2"], """write --material '{"drag": 2}'"""),
+        (["rollout", "Flag", "--resolution", "9", "13"], "write --resolution 9x13"),
+        (["compare", "Flag", "--resolutions", "9", "13"], "write --resolutions 9x13"),
+        (["rollout", "Flag", "Curtain"], "'Curtain' has no place here: leave it out"),
+        (["list", "Flag"], "write --scene Flag"),
+        (["bench", "speed-accuracy", "Flag"], "write --scenes Flag"),
+    ],
 )
-def test_argparse_exits_with_two(argv: list[str]) -> None:
+def test_mistakes_of_words_exit_with_two(argv: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit, match="2"):
         main(argv)
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert words in err
+
+
+def test_alone_it_lists_its_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    text = run(capsys)
+    assert all(f"\n    {name} " in text for name in RUNS)
+
+
+def test_a_report_finds_the_rows_of_its_checkout(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert "9 benchmarks" in run(capsys, "report", "--out", "a.html")
+    assert (tmp_path / "a.html").is_file()
+
+
+def test_plans_tell_what_is_replaced(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    old = tmp_path / "compare_flag.csv"
+    options = ["--frames", "2", "--resolutions", "5x7", "--backend", "reference", "--no-video", "--out", str(tmp_path)]
+    assert main(["compare", "Flag", *options]) == 0
+    assert "replaces" not in capsys.readouterr().err
+    before = old.stat().st_ino
+    assert main(["compare", "Flag", *options]) == 0
+    assert f"which replaces {old.with_suffix('')}.{{csv,md,png,svg}}" in capsys.readouterr().err
+    assert old.stat().st_ino != before
+    record = ["--frames", "1", "--resolution", "5x7", "--hdf5", str(tmp_path / "a.h5"), "--overwrite"]
+    assert main(["rollout", "Flag", *record]) == 0
+    err = capsys.readouterr().err
+    assert "replaces" not in err
+    assert "Flag: 1 frame of" in err
+    assert main(["rollout", "Flag", *record]) == 0
+    assert "a.h5 (replaces the old one)" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("package", ["pyvista", "imageio", "matplotlib"])

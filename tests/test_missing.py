@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import subprocess
 import sys
@@ -30,10 +31,23 @@ def command(*argv):
         code = main(argv)
     return f"{code} {printed.getvalue()}"
 
-def drawn():
-    env = gym.make("MiniCloth-Flag-v0", render_mode="rgb_array")
+def drawn(mode="rgb_array"):
+    env = gym.make("MiniCloth-Flag-v0", render_mode=mode)
     env.reset()
     env.render()
+
+def shown():
+    env = gym.make("MiniCloth-Flag-v0", resolution=(9, 13)).unwrapped
+    env.reset()
+    return env._repr_html_()
+
+def recorded():
+    from cloth_envs.recording import RecordRollout, Rollout
+    env = RecordRollout(gym.make("MiniCloth-Flag-v0", resolution=(9, 13)), "a.h5")
+    env.reset(seed=0)
+    env.close()
+    with Rollout.open("a.h5") as rollout:
+        return rollout._repr_html_()
 
 answers = []
 for line in json.loads(sys.argv[2]):
@@ -77,6 +91,28 @@ def test_what_is_missing_is_named_with_its_extra(line: str, answers: dict[str, s
     assert answers[line].startswith(begin)
     assert f'pip install -e ".[{extra}]"' in answers[line]
     assert answers[line].count("pip install") == 1
+
+
+@pytest.mark.parametrize("package", ["matplotlib", "PIL"])
+def test_what_pyvista_loads_later_is_named_too(package: str, tmp_path: Path) -> None:
+    lines = [
+        "drawn()",
+        "drawn('depth_array')",
+        """command("rollout", "Flag", "--images", "a")""",
+        "shown()",
+        "recorded()",
+    ]
+    begins = ["ImportError ", "ImportError ", "2 minicloth: ", "<div>no picture: ", "<div>no picture: "]
+    if package == "PIL":  # which pictures in notebooks are written by
+        lines, begins = lines[3:], begins[3:]
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, package, json.dumps(lines)], cwd=tmp_path, capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    for line, answer, begin in zip(lines, json.loads(done.stdout.splitlines()[-1]), begins, strict=True):
+        assert answer.startswith(begin), (line, answer)
+        assert package in answer
+        assert html.unescape(answer).count('pip install -e ".[render]"') == 1
 
 
 def test_what_needs_none_of_them_works(tmp_path: Path) -> None:

@@ -32,8 +32,20 @@ def test_everything_prints_in_a_line(options: dict, tmp_path: Path) -> None:
     assert all("\n" not in text and len(text) < 120 for text in told)
     assert told[0].endswith("frame 1>")
     assert "time 0.04 s" in told[2]
-    assert told[7] == "<Rollout Flag 9x13, 1 trajectories of 2 frames>"
+    assert told[7] == "<Rollout Flag 9x13, 1 trajectory of 2 frames>"
+    assert ", 2 environments, " in told[6]
     assert repr(env).startswith("<RecordRollout<TimeLimit<")
+
+
+def test_one_is_no_plural(tmp_path: Path) -> None:
+    one = gym.make_vec(cloth_envs.env_id("Flag"), num_envs=1, resolution=(9, 13))
+    assert ", 1 environment, " in repr(one)
+    assert ", 1 environment, " in repr(one.unwrapped.world)
+    env = RecordRollout(make(), str(tmp_path / "a.h5"))
+    env.reset(seed=0)
+    env.close()
+    with Rollout.open(tmp_path / "a.h5") as rollout:
+        assert repr(rollout) == "<Rollout Flag 9x13, 1 trajectory of 1 frame>"
 
 
 def test_printing_computes_nothing() -> None:

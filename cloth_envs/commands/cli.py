@@ -4,12 +4,11 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 from cloth_envs.arguments import one_of
 from cloth_envs.commands.parser import parser
-from cloth_envs.extras import load, missing
+from cloth_envs.extras import CHECKOUT, load, missing
 from cloth_envs.naming import unknown_name
 
 
@@ -23,8 +22,10 @@ def _rollout(given: argparse.Namespace) -> str:
     from cloth_envs.backend import parse_backend
     from cloth_envs.commands.entries import read_resolution
     from cloth_envs.commands.rollout import rollout
+    from cloth_envs.places import check_backend_kwargs
 
     backend, options = parse_backend(given.backend)
+    check_backend_kwargs(backend, options, shell=True)
     own = {"backend": backend, "backend_kwargs": options, "preset": _named(given.preset, "--preset")}
     if given.resolution is not None:
         own["resolution"] = read_resolution(given.resolution)
@@ -73,7 +74,7 @@ def _report(given: argparse.Namespace) -> str:
     write = load("training.bench.report.run:write")
     if given.out is None:
         raise ValueError("a report needs a name: write minicloth report --out OUT.html")
-    own = Path("docs/data"), Path("docs/images")
+    own = CHECKOUT / "docs" / "data", CHECKOUT / "docs" / "images"
     data, images = own if given.data is None else (given.data, given.data)
     return write(data, given.images or images, given.out)
 
@@ -109,6 +110,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     words, top = list(sys.argv[1:] if argv is None else argv), parser(RUNS)
     if words and not words[0].startswith("-") and words[0] not in RUNS:
         top.error(str(unknown_name("command", words[0], RUNS)))
+    if not words:
+        top.print_help()
+        return 0
     given = top.parse_args(words)
     try:
         text = given.run(given)

@@ -11,6 +11,7 @@ from cloth_envs.commands.entries import choose_entries
 from cloth_envs.commands.measure import REPEATS, Comparison, compare
 from cloth_envs.commands.outputs import fixed_camera, import_imageio, open_video
 from cloth_envs.files import check_folder, write_text
+from cloth_envs.naming import counted
 from cloth_envs.policies import open_loop
 from cloth_envs.progress import announce, progress
 from cloth_envs.registry import load_task
@@ -49,14 +50,17 @@ def compare_scene(
     if video:
         import_imageio()
         import_pyvista()
+    stem = folder / f"compare_{scene.lower()}"
+    kinds = ["csv", "md", "png", "svg"] + (["mp4"] if video else [])
+    old = [kind for kind in kinds if stem.with_suffix(f".{kind}").exists()]
     announce(
-        f"{scene}: {', '.join(entry.label for entry in chosen)} over {frames} frames beside the truth, each timed "
-        f"{REPEATS} times; table, chart{' and video' if video else ''} go into {folder} in the end"
+        f"{scene}: {', '.join(entry.label for entry in chosen)} over {counted(frames, 'frame')} beside the truth, each "
+        f"timed {REPEATS} times; table, chart{' and video' if video else ''} go into {folder} in the end"
+        + (f", which replaces {stem}.{{{','.join(old)}}}" if old else "")
     )
     result = compare(scene, chosen, actions, seed=seed, material=material, resolution=task.resolution)
     fabric = "" if material is None else f", material {material}"
     setup = f"{scene}, {frames} frames of {task.frame_dt * 1e3:g} ms, seed {seed}, {policy} actions{fabric}"
-    stem = folder / f"compare_{scene.lower()}"
     table, notes = tables.markdown(result), tables.notes(result, setup)
     tables.write_csv(result, stem.with_suffix(".csv"))
     write_text(stem.with_suffix(".md"), f"# {scene}: speed and error\n\n{table}\n\n{notes}")
@@ -64,8 +68,7 @@ def compare_scene(
     chart.draw(result, [stem.with_suffix(".png"), stem.with_suffix(".svg")], horizon=nearest, setup=setup)
     if video:
         film(result, stem.with_suffix(".mp4"))
-    kinds = "csv,md,png,svg" + (",mp4" if video else "")
-    return f"{table}\n\n{notes}\nwrote {stem}.{{{kinds}}}"
+    return f"{table}\n\n{notes}\nwrote {stem}.{{{','.join(kinds)}}}"
 
 
 def film(comparison: Comparison, path: Path) -> None:

@@ -7,7 +7,8 @@ from typing import Any
 
 from cloth_envs.backend import parse_backend
 from cloth_envs.material import Material
-from cloth_envs.registry import load_backend, load_task
+from cloth_envs.places import check_backend_kwargs
+from cloth_envs.registry import load_task
 from cloth_envs.world import World
 
 # Compared by default: backends and their keywords, at the scene's resolution.
@@ -75,6 +76,6 @@ def choose_entries(scene: str, *, backends: Sequence[str] = (), resolutions: Seq
         head, equals, options = text.partition("=")
         head, _, own = head.partition("@")
         name, given = parse_backend(head + equals + options)
-        load_backend(name)
+        check_backend_kwargs(name, given, shell=True)
         chosen += [Entry(name, shape, given) for shape in ([read_resolution(own)] if own else shapes)]
     return list({entry.label: entry for entry in chosen}.values())

@@ -70,6 +70,11 @@ def open_video(path: Path, fps: float) -> Iterator[Callable[[np.ndarray], None]]
             raise why_cut(part, ENDED)
 
 
+def planned(path: str) -> str:
+    """``path`` as a plan names it: of a file, whether it replaces one."""
+    return f"{path} (replaces the old one)" if Path(path).is_file() else path
+
+
 def check_pictures(video: str | None, images: str | None) -> None:
     """That ``video`` (an ``.mp4`` file) and ``images`` (a folder, made if need be) can be written and drawn.
 

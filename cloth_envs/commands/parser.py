@@ -4,13 +4,14 @@ import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from cloth_envs.parsing import Parser
+from cloth_envs.commands.mistakes import physics_or_material
+from cloth_envs.parsing import Parser, whole
 from cloth_envs.version import __version__
 
 
 def _at_least(least: int) -> Callable[[str], int]:
     def number(text: str) -> int:
-        value = int(text)
+        value = whole(text)
         if value < least:
             raise argparse.ArgumentTypeError(f"must be at least {least}, got {value}")
         return value
@@ -18,7 +19,8 @@ def _at_least(least: int) -> Callable[[str], int]:
     return number
 
 
-def _episode(sub: argparse.ArgumentParser) -> None:
+def _episode(sub: Parser) -> None:
+    sub.elsewhere = physics_or_material
     sub.add_argument("scene", metavar="SCENE", help="a scene's name, see `minicloth list`")
     sub.add_argument("--seed", type=_at_least(0), default=0, help="of the start and the actions (default 0)")
     sub.add_argument("--policy", default="smooth", help="zero, random, smooth (default) or bang-bang")
@@ -95,7 +97,9 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> Pa
     sub.add_argument("options", nargs=argparse.REMAINDER, help="its own options, see `minicloth bench NAME --help`")
 
     sub = command("report", "One self-contained HTML page of what benchmarks wrote with --out.")
-    sub.add_argument("--data", type=Path, metavar="DIR", help="folder of their rows (default docs/data)")
+    sub.add_argument(
+        "--data", type=Path, metavar="DIR", help="folder of their rows (default docs/data of the checkout)"
+    )
     sub.add_argument(
         "--images", type=Path, metavar="DIR", help="of their charts (default --data, or docs/images for docs/data)"
     )

@@ -6,8 +6,9 @@ from typing import Any
 
 import gymnasium as gym
 
-from cloth_envs.commands.outputs import check_pictures, write_pictures
+from cloth_envs.commands.outputs import check_pictures, planned, write_pictures
 from cloth_envs.files import check_file
+from cloth_envs.naming import counted
 from cloth_envs.policies import open_loop
 from cloth_envs.progress import announce, progress
 from cloth_envs.recording import RecordRollout, Rollout
@@ -41,6 +42,7 @@ def rollout(
         raise FileExistsError(f"{hdf5} exists and stays as it is: choose another name or add --overwrite")
     if hdf5 is not None:
         check_file(hdf5)
+    outputs = ", ".join(planned(path) for path in (hdf5, video, images) if path is not None)
     with ExitStack() as stack:
         env: gym.Env[Any, Any] = gym.make(env_id(scene), max_episode_steps=frames, disable_env_checker=True, **options)
         stack.callback(env.close)
@@ -50,9 +52,8 @@ def rollout(
             env = RecordRollout(env, hdf5, overwrite=overwrite)
             stack.callback(env.close)
         rows, cols = cloth.scene.grid.shape
-        outputs = ", ".join(str(path) for path in (hdf5, video, images) if path is not None)
         announce(
-            f"{scene}: {frames} frames of {task.frame_dt * 1e3:g} ms, {rows} x {cols} vertices, "
+            f"{scene}: {counted(frames, 'frame')} of {task.frame_dt * 1e3:g} ms, {rows} x {cols} vertices, "
             + (f"then {frames + 1} pictures; " if drawn else "")
             + (f"into {outputs}" if outputs else "nothing is written (see --video, --images, --hdf5)")
         )
@@ -90,7 +91,7 @@ def render(file: str, *, trajectory: int, video: str | None, images: str | None,
     if video is None and images is None:
         video = str(Path(file).with_suffix(".mp4"))
     check_pictures(video, images)
-    outputs = ", ".join(path for path in (video, images) if path is not None)
-    announce(f"{file}: {len(states)} pictures of {scene.name} into {outputs}")
+    outputs = ", ".join(planned(path) for path in (video, images) if path is not None)
+    announce(f"{file}: {counted(len(states), 'picture')} of {scene.name} into {outputs}")
     write_pictures(scene, states, video=video, images=images, strain=strain)
     return "\n".join(f"wrote {path}" for path in (video, images) if path is not None)

@@ -29,6 +29,11 @@ PARTICLE_SOLVERS: dict[str, str] = {
 CONDITION = 0.5  # of an implicit step's matrix, over what the digits can tell
 
 
+def solvers_of(scene: Scene) -> dict[str, str]:
+    """Those that step the scene: a sheet, or a net of particles."""
+    return SOLVERS if scene.particles is None else PARTICLE_SOLVERS
+
+
 def reference(
     scene: Scene, *, num_envs: int = 1, solver: str = "explicit", threads: int = 1, **options: Any
 ) -> Backend:
@@ -40,7 +45,7 @@ def reference(
         ValueError: an unknown solver or option (the nearest match is named), or one that can't step the scene.
     """
     one_of("solver", solver, SOLVERS)
-    table = SOLVERS if scene.particles is None else PARTICLE_SOLVERS
+    table = solvers_of(scene)
     if solver not in table:
         raise ValueError(
             f"solver={solver!r} steps sheets, this preset of {scene.name} is a net of particles: "

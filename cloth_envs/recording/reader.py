@@ -11,6 +11,7 @@ import h5py
 import numpy as np
 
 from cloth_envs.material import PROPERTIES, Material
+from cloth_envs.naming import counted
 from cloth_envs.recording.checked import CheckedFile
 from cloth_envs.recording.layout import CLOTH, LAYOUT_VERSION, PATHS, RESET, SEEDED, digest, scene_from_json
 from cloth_envs.scene import Scene
@@ -54,9 +55,9 @@ class Rollout(AbstractContextManager["Rollout"]):
 
     def __repr__(self) -> str:
         frames = ", ".join(map(str, self.lengths[:5])) + (", ..." if len(self.lengths) > 5 else "")
-        return (
-            f"<Rollout {self.scene.name} {self.scene.grid}, {len(self.lengths)} trajectories of {frames or 0} frames>"
-        )
+        trajectories = counted(len(self.lengths), "trajectory", "trajectories")
+        unit = "frame" if self.lengths == [1] else "frames"
+        return f"<Rollout {self.scene.name} {self.scene.grid}, {trajectories} of {frames or 0} {unit}>"
 
     def _repr_html_(self) -> str:
         """The last frame of the first trajectory that holds one."""

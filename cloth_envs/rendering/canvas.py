@@ -26,15 +26,16 @@ def import_pyvista() -> Any:
     """PyVista, set to render through EGL on Linux so that no display is needed.
 
     Raises:
-        ImportError: PyVista or a library that it loads is missing; says what to install.
+        ImportError: PyVista or what it loads to draw is missing; says what to install.
     """
     if sys.platform.startswith("linux"):
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     try:
-        import pyvista
+        import pyvista.plotting  # it loads matplotlib, and VTK's libraries for windows
     except ImportError as error:
         raise ImportError(
-            f"rendering needs PyVista ({error}): {install('render')}, and on a bare Linux also {LIBRARIES}"
+            f"rendering needs PyVista and matplotlib ({error}): {install('render')}, and on a bare Linux also "
+            f"{LIBRARIES}"
         ) from error
     return pyvista
 

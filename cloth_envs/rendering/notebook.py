@@ -6,6 +6,7 @@ from io import BytesIO
 
 import numpy as np
 
+from cloth_envs.extras import missing
 from cloth_envs.rendering.renderer import Renderer
 from cloth_envs.rendering.sheet import vertex_strain
 from cloth_envs.scene import Scene
@@ -28,13 +29,15 @@ def image(scene: Scene, state: State) -> str:
     """The first member as an ``<img>``, or a sentence that says why there is none."""
     renderer = Renderer(scene, width=WIDTH, height=HEIGHT)
     try:
+        from PIL import Image
+
         picture = renderer.draw(state)
-    except (ImportError, RuntimeError, ValueError) as error:  # nothing to draw with, or nowhere, or nothing finite
+    except ImportError as error:
+        return f"<div>no picture: {escape(missing('it', error))}</div>"
+    except (RuntimeError, ValueError) as error:  # nowhere to draw, or nothing finite
         return f"<div>no picture: {escape(str(error))}</div>"
     finally:
         renderer.close()
-    from PIL import Image
-
     png = BytesIO()
     Image.fromarray(picture).save(png, "png")
     source = f"data:image/png;base64,{b64encode(png.getvalue()).decode()}"

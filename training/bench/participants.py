@@ -5,8 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from cloth_envs.backend import Backend, check_keywords, keywords, parse_backend
+from cloth_envs.backend import Backend, keywords, parse_backend
 from cloth_envs.physics.truth import TRUTHS
+from cloth_envs.places import check_backend_kwargs
 from cloth_envs.registry import load_backend, make_backend
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
@@ -202,7 +203,7 @@ def extra(texts: Sequence[str]) -> list[Participant]:
     """
     found = [Participant(name, name, options) for name, options in map(parse_backend, texts)]
     for one in found:
-        check_keywords(load_backend(one.backend), one.options, f"backend={one.backend!r}")
+        check_backend_kwargs(one.backend, one.options, shell=True)
     return found
 
 

@@ -30,9 +30,12 @@ def write(data: Path, images: Path, out: Path) -> str:
 
     Raises:
         ValueError: ``data`` holds no rows of a benchmark, or rows with other columns than this version's.
-        OSError: ``out`` can't be written.
+        OSError: a folder is not there, or ``out`` can't be written.
     """
     check_file(out, suffixes=(".html",))
+    for option, folder in {"--data": data, "--images": images}.items():
+        if not folder.is_dir():
+            raise FileNotFoundError(f"there is no folder {folder}: choose another {option}")
     announce(f"rows of {', '.join(BENCHMARKS)} in {data} and charts in {images} become one page, {out}")
     sections, missing = {}, []
     for name in BENCHMARKS:
