@@ -290,7 +290,7 @@ def test_mistakes_end_in_one_line(
         (["rollout", "Flag", "--seed", "abc"], "must be a whole number, got 'abc'"),
         (["render", "a.h5", "--trajectory", "x"], "must be a whole number, got 'x'"),
         (["generate", "Flag", "--trajectories", "2.5"], "must be a whole number, got '2.5'"),
-        (["train", "local", "--rate", "fast"], "must be a number, got 'fast'"),
+        (["bench", "peers", "--budget", "fast"], "must be a number, got 'fast'"),
         (["rol"], "Did you mean 'rollout'?"),
         (["rollout", "Flag", "--steps", "3"], "Did you mean '--frames'?"),
         (["rollout", "Flag", "--policies", "zero"], "Did you mean '--policy'?"),
