@@ -57,7 +57,7 @@ class MiniatureBackend(Upscaled):
         for name, options in {"factors": factors, "solver_kwargs": solver_kwargs}.items():
             if options is not None and not isinstance(options, Mapping):
                 raise ValueError(f"{name} must be a dict, got {options!r}")
-        least = (2, 2)
+        least = 2
         if scaling is None and upscaler is None and solver == "explicit":
             scaling, upscaler, least = choose(scene, factor)
         self.factor, self.scaling, self.upscaler = factor, scaling or "similar", upscaler or "bicubic"

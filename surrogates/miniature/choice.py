@@ -17,30 +17,27 @@ LEAST = 6  # coarse cells along a side
 
 
 class Choice(NamedTuple):
-    """``scaling`` and ``upscaler`` by name and the ``least`` coarse cells along rows and columns."""
+    """``scaling`` and ``upscaler`` by name, and of how many cells along a side ``least`` are kept."""
 
     scaling: str = "similar"
     upscaler: str = "bicubic"
-    least: tuple[int, int] = (2, 2)
+    least: int = 2
 
 
 def choose(scene: Scene, factor: int) -> Choice:
-    """``"closure"`` and ``"local"`` where both are shipped for the scene.
+    """``"closure"`` and ``"local"`` where both are shipped for the scene, else ``"similar"`` and ``"bicubic"``.
 
-    A small or thin cloth would tear with them. Along a side of fewer than half the cells of the scene's own grid
-    ``LEAST`` cells are kept; where that keeps more than ``factor`` would, and where cells are over ``OBLONG`` times
-    longer than wide, the cloth is interpolated linearly, and where it keeps all, it is the fine one.
+    A cloth would tear with the former on grids unlike those of training: with fewer than half the cells of the scene's
+    own along a side, or with cells over ``OBLONG`` times longer than wide. It is interpolated linearly there, from at
+    least ``LEAST`` cells along each side; one that has no more is not coarsened.
     """
     if scene.name not in card("closure")["scenes"] or not of_factor(weights_name("local", scene.name), factor):
         return Choice()
-    fine, usual = scene.grid, coarse_grid(scene.grid, factor)
-    own = load_task(scene.name).resolution
-    rows, cols = (2 if 2 * cells >= n - 1 else LEAST for cells, n in zip(fine.cells, own, strict=True))
-    coarse = coarse_grid(fine, factor, (rows, cols))
-    if coarse == fine:
-        return Choice("similar", "bilinear", (rows, cols))
-    trained = coarse == usual and not (_oblong(fine) or _oblong(coarse))
-    return Choice("closure", "local" if trained else "bilinear", (rows, cols))
+    fine, own = scene.grid, load_task(scene.name).resolution
+    small = any(2 * cells < usual - 1 for cells, usual in zip(fine.cells, own, strict=True))
+    if not small and not _oblong(fine) and not _oblong(coarse_grid(fine, factor)):
+        return Choice("closure", "local")
+    return Choice("similar" if coarse_grid(fine, factor, LEAST) == fine else "closure", "bilinear", LEAST)
 
 
 def _oblong(grid: Grid) -> bool:

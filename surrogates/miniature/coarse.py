@@ -21,19 +21,17 @@ from surrogates.miniature.handles import Handles
 CLOTH = ("positions", "velocities")
 
 
-def coarse_grid(grid: Grid, factor: float, least: tuple[int, int] = (2, 2)) -> Grid:
+def coarse_grid(grid: Grid, factor: float, least: int = 2) -> Grid:
     """The same sheet with about ``factor`` times fewer cells along each side.
 
-    Where ``factor`` divides the cells, every vertex of it is a vertex of ``grid``. Of cells along rows and columns
-    ``least`` are kept, or all where there are fewer.
+    Where ``factor`` divides the cells, every vertex of it is a vertex of ``grid``. Along each side ``least`` cells are
+    kept, or all where there are fewer.
     """
-    rows, cols = (max(min(cells, n), round(cells / factor)) for cells, n in zip(grid.cells, least, strict=True))
+    rows, cols = (max(min(cells, least), round(cells / factor)) for cells in grid.cells)
     return replace(grid, rows=rows + 1, cols=max(3, cols if grid.periodic else cols + 1))
 
 
-def coarse_scene(
-    scene: Scene, factor: float, material: Material, least: tuple[int, int] = (2, 2)
-) -> tuple[Scene, Handles]:
+def coarse_scene(scene: Scene, factor: float, material: Material, least: int = 2) -> tuple[Scene, Handles]:
     """``scene`` on ``coarse_grid`` with ``material``, and how its handles follow those of ``scene``."""
     grid = coarse_grid(scene.grid, factor, least)
     handles = Handles.of(scene.grid, grid, scene.handles)
@@ -79,7 +77,7 @@ class CoarsePhysics:
         *,
         num_envs: int = 1,
         factor: float = 2,
-        least: tuple[int, int] = (2, 2),
+        least: int = 2,
         scaling: str = "similar",
         factors: Mapping[str, float] | None = None,
         solver: str = "explicit",
