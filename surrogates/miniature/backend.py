@@ -11,6 +11,7 @@ from surrogates.miniature.correction import Correction, shipped
 from surrogates.miniature.upscaled import Upscaled
 from surrogates.upscale.protocol import make_upscaler
 
+
 class MiniatureBackend(Upscaled):
     """A reference solver on a grid ``factor`` times coarser, upscaled when the cloth is read.
 
@@ -20,8 +21,9 @@ class MiniatureBackend(Upscaled):
         scaling: ``"similar"`` (the sheet's own material), ``"seed"`` (the paper's spring constants, ``factor^2``
             times too stiff), ``"calibrated"`` (factors fitted per scene), ``"closure"`` (those and a law of springs
             in compression, fitted too). With neither this nor an upscaler given, ``"closure"`` and ``"local"`` where
-            both are shipped for the scene (``"bicubic"`` on cells over ``OBLONG`` times longer than wide, which the
-            networks have not seen), else, and if only one is given, ``"similar"`` and ``"bicubic"``.
+            both are shipped for the scene, else, and if only one is given, ``"similar"`` and ``"bicubic"``. Small and
+            thin cloths, which would tear with ``"local"``, are then interpolated linearly from at least 6 coarse cells
+            along each side (``choice``).
         factors: of a calibration of your own, ``{material property: multiplier}``, instead of the shipped ones.
         upscaler: an interpolation, ``"bilinear"``, ``"biquadratic"`` or ``"bicubic"``, a network by name, or
             ``"module:Class"``.
@@ -74,6 +76,9 @@ class MiniatureBackend(Upscaled):
         if correction is not None:
             one_of("correction", correction, ["learned"])
             if self.scaling != "closure":
-                raise ValueError(f'correction={correction!r} was trained on scaling="closure", got {self.scaling!r}')
+                wanted = 'scaling="closure"'
+                raise ValueError(
+                    f"correction={correction!r} was trained on {wanted}, got {self.scaling!r}: pass {wanted}"
+                )
             coarse.correct(Correction(coarse.scene, shipped(scene.name, factor)))
         super().__init__(coarse, make_upscaler(self.upscaler, coarse.scene, scene, factor), guard=guard)
