@@ -12,7 +12,7 @@ import numpy as np
 
 from cloth_envs.material import PROPERTIES, Material
 from cloth_envs.recording.checked import CheckedFile
-from cloth_envs.recording.layout import CLOTH, LAYOUT_VERSION, PATHS, RESET, SEEDED, digest, scene_from_json
+from cloth_envs.recording.layout import CLOTH, LAYOUT_VERSION, PATHS, RESET, SEEDED, scene_from_json
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from cloth_envs.version import __version__
@@ -35,7 +35,7 @@ class Rollout(AbstractContextManager["Rollout"]):
 
     def __init__(self, file: CheckedFile) -> None:
         self._file = file
-        self.attributes: dict[str, Any] = file.read(_attributes)
+        self.attributes: dict[str, Any] = file.read(lambda inside: dict(inside.attrs))
         self._version = int(self.attributes["layout_version"])
         self.scene: Scene
         self.lengths: list[int]
@@ -75,9 +75,10 @@ class Rollout(AbstractContextManager["Rollout"]):
 
         Raises:
             FileNotFoundError: no such file.
+            OSError: it can't be opened or read: no permission, too many open files, a disk that fails.
             ValueError: not HDF5, cut short or damaged, not a rollout, or written by a newer package.
         """
-        if not Path(path).is_file():
+        if not os.path.isfile(path):
             raise FileNotFoundError(f"there is no file {path}: give the path of a rollout that RolloutWriter made")
         file = CheckedFile(Path(path))
         try:
@@ -186,9 +187,3 @@ class Rollout(AbstractContextManager["Rollout"]):
     def __exit__(self, *error: object) -> None:
         self.close()
 
-
-def _attributes(file: h5py.File) -> dict[str, Any]:
-    found = dict(file.attrs)
-    if int(found["layout_version"]) > 2 and found["digest"] != digest(found):
-        raise ValueError("its attributes are not those that were written")
-    return found

@@ -27,7 +27,7 @@ class Trajectories:
 
     Raises:
         FileExistsError: the file exists and ``overwrite`` is false.
-        OSError: it can't be written, or another writer has it open; it stays as it is.
+        OSError: it can't be written, or another program has it open; it stays as it is.
     """
 
     def __init__(self, path: Path, scene: Scene, actions: int, about: Mapping[str, str], *, overwrite: bool) -> None:
@@ -40,7 +40,7 @@ class Trajectories:
             if self._place != self._target:
                 with self._target.open("rb") as old:
                     lock(old)
-            self._image = Image(self._place, writer=True)
+            self._image = Image(self._place)
         except OSError as error:
             raise cannot_write(path, error) from error
         self._stored = self._kept = 0  # frames that HDF5 has, and those that are on the disk

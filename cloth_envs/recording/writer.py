@@ -31,7 +31,7 @@ class RolloutWriter(AbstractContextManager["RolloutWriter"]):
 
     Raises:
         FileExistsError: the file exists and ``overwrite`` is false; it is untouched.
-        OSError: the file can't be created there, or another writer has it open.
+        OSError: the file can't be created there, or another program has it open.
         ValueError: an environment of another package.
     """
 
