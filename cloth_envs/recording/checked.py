@@ -79,8 +79,7 @@ class CheckedFile:
         """
         with self._lock:
             for _ in range(TRIES):
-                if self._file is None:
-                    raise ValueError(f"{self.path} has been closed: open it again with Rollout.open")
+                self.check_open()
                 failed: Exception | None = None
                 try:
                     found = look(self._file)
@@ -96,6 +95,11 @@ class CheckedFile:
                     break
         told = first_line(failed or TimeoutError("its writer is faster"))
         raise ValueError(f"{self.path} is damaged ({told}): copy or record it again") from failed
+
+    def check_open(self) -> None:
+        """Raises ValueError: closed."""
+        if self._file is None:
+            raise ValueError(f"{self.path} has been closed: open it again with Rollout.open")
 
     def close(self) -> None:
         """Close it, when no thread reads it; again does nothing."""

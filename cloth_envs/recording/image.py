@@ -46,6 +46,11 @@ class Image(io.RawIOBase):
         self._disk.truncate(0)
 
     @property
+    def there(self) -> bool:
+        """Whether the file still has its name."""
+        return _same(self._disk, self.path)
+
+    @property
     def mine(self) -> bool:
         """Whether this process opened it, and not one of which it is a fork."""
         return os.getpid() == self._owner
@@ -66,8 +71,10 @@ class Image(io.RawIOBase):
             raise OSError(errno.EBUSY, "the process that this is a fork of has it open")
         if self.failed is not None:
             raise self.failed
-        if not _same(self._disk, self.path):
-            raise FileNotFoundError(errno.ENOENT, "it was removed or replaced meanwhile")
+        if not self.there:
+            raise OSError(errno.ESTALE, "it was removed or replaced meanwhile")
+        if self.counter is not None:
+            self._changes.append((self.counter, _COUNT.pack(self.commits + 1)))
         last = max(self._end, self._size)
         old = [(at, data) for at, data in self._changes if at < self._end]
         sums = self._new_sums(last)
@@ -86,19 +93,15 @@ class Image(io.RawIOBase):
             with suppress(OSError):
                 self._disk.truncate(whole)
             raise
-        if self.counter is not None:  # first of all, so that a reader who saw any change finds another number
-            self.commits += 1
-            self._put(self.counter, _COUNT.pack(self.commits))
-        for at, data in old:
+        self.commits += 1
+        for at, data in old[-1:] + old:  # the counter first, so that a reader who saw any change finds another number
             self._put(at, data)
         self._put(last, after)
         self._disk.truncate(last + len(after))
         self._end, self._sums, self._changes = last, sums, []
 
     def _new_sums(self, last: int) -> list[int]:
-        """Of the pages of ``last`` bytes, with the changes; where ``counter`` is, the next number."""
-        if self.counter is not None:
-            self._changes += [(self.counter, _COUNT.pack(self.commits + 1))]
+        """Of the pages of ``last`` bytes, with the changes."""
         touched, sums = by_page(self._changes), self._sums + [0] * (pages(last) - len(self._sums))
         for number in {*touched, *range(self._end // PAGE, len(sums))}:
             begin = number * PAGE

@@ -1,7 +1,7 @@
 """Checksums of a recording's pages, in a trailer that HDF5 does not see: it lies beyond the end of its file.
 
-The trailer is the CRC-32 of every page of ``PAGE`` bytes, what is to replace old bytes but may not yet have, and at the
-very end of the file its own length and CRC-32. Whoever changes the file without it (``h5py``) cuts it off.
+The trailer is the CRC-32 of every page of ``PAGE`` bytes, what is to replace old bytes but may not yet have, and its own
+length and CRC-32. Programs that change the file without it (``h5py``) cut it off.
 """
 
 import os
@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 PAGE = 2**16
+SEARCHED = 2**20  # bytes at the end of a file, for the trailer's own end
 _CHANGE = struct.Struct("<QQ")  # offset and length of the bytes that follow
 _FOOT = struct.Struct("<8sQQ")  # magic, where HDF5's file ends, bytes of changes
 _CHECK = struct.Struct("<L")  # of all before
@@ -59,21 +60,22 @@ def find_trailer(disk: int) -> Trailer | None:
 
 
 def _unpack(disk: int, size: int) -> Trailer | None:
-    foot = _FOOT.size + _CHECK.size
-    tail = os.pread(disk, foot, max(0, size - foot))
-    if len(tail) < foot:
-        return None
-    magic, end, changed = _FOOT.unpack_from(tail)
-    count = pages(end)
-    begin = size - foot - changed - 4 * count
-    if magic != _MAGIC or begin < end:
-        return None
-    body = os.pread(disk, size - begin, begin)
-    if len(body) != size - begin or _CHECK.unpack_from(body, len(body) - _CHECK.size)[0] != zlib.crc32(
-        body[: -_CHECK.size]
-    ):
-        return None
-    return Trailer(end, struct.unpack_from(f"<{count}L", body), list(_changes(body[4 * count : -foot])))
+    """The last whole one; behind it may be a part of the next, where a writer was stopped, or what others added."""
+    begin = max(0, size - SEARCHED)
+    tail = os.pread(disk, size - begin, begin)
+    at = len(tail)
+    while (at := tail.rfind(_MAGIC, 0, at)) >= 0:
+        if at + _FOOT.size + _CHECK.size > len(tail):
+            continue
+        _, end, changed = _FOOT.unpack_from(tail, at)
+        start = begin + at - changed - 4 * pages(end)
+        if start < end:
+            continue
+        body = os.pread(disk, begin + at + _FOOT.size - start, start)
+        if zlib.crc32(body) == _CHECK.unpack_from(tail, at + _FOOT.size)[0]:
+            count = pages(end)
+            return Trailer(end, struct.unpack_from(f"<{count}L", body), list(_changes(body[4 * count : -_FOOT.size])))
+    return None
 
 
 def _changes(body: bytes) -> Iterator[Change]:

@@ -10,6 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from cloth_envs.arguments import as_whole
 from cloth_envs.material import PROPERTIES, Material
 from cloth_envs.recording.checked import CheckedFile
 from cloth_envs.recording.layout import CLOTH, LAYOUT_VERSION, PATHS, RESET, SEEDED, scene_from_json
@@ -97,11 +98,12 @@ class Rollout(AbstractContextManager["Rollout"]):
 
     def length(self, trajectory: int = 0) -> int:
         """Whole frames of one trajectory. Raises ValueError: no such trajectory."""
-        if not 0 <= trajectory < len(self.lengths):
+        number = as_whole(trajectory)
+        if number is None or not 0 <= number < len(self.lengths):
             raise ValueError(
-                f"there is no trajectory {trajectory}: the file holds {len(self.lengths)}, numbered from 0"
+                f"there is no trajectory {trajectory!r}: the file holds {len(self.lengths)}, numbered from 0"
             )
-        return self.lengths[trajectory]
+        return self.lengths[number]
 
     def actions(self, trajectory: int = 0) -> np.ndarray:
         """``(T, A)``; entry t led to frame t."""
@@ -149,9 +151,10 @@ class Rollout(AbstractContextManager["Rollout"]):
     def state(self, frame: int, trajectory: int = 0) -> State:
         """One frame, a batch of one. Raises ValueError: no such frame or trajectory."""
         length = self.length(trajectory)
-        if not 0 <= frame < length:
-            raise ValueError(f"there is no frame {frame}: trajectory {trajectory} holds {length}, numbered from 0")
-        return self._frames(trajectory, frame, frame + 1)
+        number = as_whole(frame)
+        if number is None or not 0 <= number < length:
+            raise ValueError(f"there is no frame {frame!r}: trajectory {trajectory} holds {length}, numbered from 0")
+        return self._frames(trajectory, number, number + 1)
 
     def states(self, trajectory: int = 0) -> Iterator[State]:
         """The frames of one trajectory in order, each a batch of one."""
@@ -159,6 +162,7 @@ class Rollout(AbstractContextManager["Rollout"]):
         for begin in range(0, length, BLOCK):
             block = self._frames(trajectory, begin, min(begin + BLOCK, length))
             for frame in range(block.batch):
+                self._file.check_open()
                 yield block.select([frame])
 
     def _frames(self, trajectory: int, begin: int, end: int) -> State:
@@ -186,4 +190,3 @@ class Rollout(AbstractContextManager["Rollout"]):
 
     def __exit__(self, *error: object) -> None:
         self.close()
-

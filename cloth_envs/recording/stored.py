@@ -10,6 +10,7 @@ import struct
 from pathlib import Path
 from typing import Any
 
+from cloth_envs.recording.heaps import check_heaps
 from cloth_envs.recording.pages import PAGE, Change, Trailer, by_page, checksum, find_trailer, overlay
 
 KEPT_PAGES = 32  # in memory, of those read last
@@ -22,7 +23,7 @@ class StoredFile(io.RawIOBase):
 
     Raises:
         OSError: it can't be opened.
-        ValueError: its checksums are damaged or cut off.
+        ValueError: its checksums are damaged or cut off; it has none, and HDF5 would read it for ever.
     """
 
     def __init__(self, path: Path) -> None:
@@ -32,6 +33,8 @@ class StoredFile(io.RawIOBase):
         self._disk = os.open(path, os.O_RDONLY | getattr(os, "O_BINARY", 0))
         try:
             trailer = find_trailer(self._disk)
+            if trailer is None:
+                check_heaps(self._disk)
         except (OSError, ValueError):
             self.close()
             raise
