@@ -230,7 +230,7 @@ def test_what_is_gone_is_not_said_to_be_kept(path: Path) -> None:
     for file in path.parent.iterdir():
         file.unlink()
     path.parent.rmdir()
-    with pytest.raises(OSError, match="removed or replaced meanwhile.*start again") as told:
+    with pytest.raises(OSError, match=r"removed or replaced meanwhile.*start again") as told:
         env.close()
     assert "as it was" not in str(told.value)
     path.parent.mkdir()
@@ -256,9 +256,9 @@ def test_a_forgotten_recorder_says_what_is_lost(tmp_path: Path) -> None:
 def test_names_that_no_file_can_have(tmp_path: Path) -> None:
     for name in ("x" * 300 + ".h5", "a\0b.h5"):
         for use in (make, lambda path: make(path, overwrite=True)):
-            with pytest.raises(OSError, match="(?s)can't write .*choose another name"):
+            with pytest.raises(OSError, match=r"(?s)can't write .*choose another name"):
                 use(tmp_path / name)
-        with pytest.raises(FileNotFoundError, match="(?s)there is no file"):
+        with pytest.raises(FileNotFoundError, match=r"(?s)there is no file"):
             Rollout.open(tmp_path / name)
     (tmp_path / "link.h5").symlink_to(tmp_path / "none" / "a.h5")
     with pytest.raises(OSError, match=r"create the folder .*none first"):
@@ -270,13 +270,13 @@ def test_numbers_of_no_trajectory(path: Path, number: object) -> None:
     with Rollout.open(path) as rollout:
         uses: list[Callable[..., object]] = [rollout.actions, rollout.start, rollout.length, rollout.material]
         for use in uses:
-            with pytest.raises(ValueError, match="there is no trajectory .* the file holds 3"):
+            with pytest.raises(ValueError, match=r"there is no trajectory .* the file holds 3"):
                 use(number)
         assert number == 3 or not isinstance(number, (float, str)) or _no_frame(rollout, number)
 
 
 def _no_frame(rollout: Rollout, number: object) -> bool:
-    with pytest.raises(ValueError, match="there is no frame .* trajectory 0 holds 71"):
+    with pytest.raises(ValueError, match=r"there is no frame .* trajectory 0 holds 71"):
         rollout.state(number)  # type: ignore[arg-type]
     return True
 

@@ -3,7 +3,7 @@
 libhdf5 can't stand a failed write (its next close ends in a segmentation fault, h5py #914). So it is given this object
 in place of a file: what it writes stays in memory until ``commit``. Beyond HDF5's file, where HDF5 does not look, is a
 trailer with the checksums of its pages. A commit puts that behind where the new bytes go, then the new bytes, then the
-next trailer, which holds those that replace old ones too: from then on it counts, for whoever reads with ``StoredFile``.
+next trailer, which holds those that replace old ones too: from then on it counts, for all who read with ``StoredFile``.
 Then it replaces the old bytes, and moves the trailer to its place. The file ends in a whole trailer all the time, so
 that a writer that is killed or finds the disk full leaves the file as the last commit made it.
 """

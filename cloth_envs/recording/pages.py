@@ -1,7 +1,7 @@
 """Checksums of a recording's pages, in a trailer that HDF5 does not see: it lies beyond the end of its file.
 
-The trailer is the CRC-32 of every page of ``PAGE`` bytes, what is to replace old bytes but may not yet have, and its own
-length and CRC-32. Programs that change the file without it (``h5py``) cut it off.
+The trailer is the CRC-32 of every page of ``PAGE`` bytes, what is to replace old bytes but may not yet have, and its
+own length and CRC-32. Programs that change the file without it (``h5py``) cut it off.
 """
 
 import os
