@@ -27,10 +27,10 @@ class Camera:
     focal_point: tuple[float, float, float]
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
-
-def towards(camera: Camera) -> np.ndarray:
-    """The way from what a camera looks at to where it stands, ``(3,)`` [m]."""
-    return np.subtract(camera.position, camera.focal_point)
+    @property
+    def towards(self) -> np.ndarray:
+        """From what it looks at to where it stands, ``(3,)`` [m]."""
+        return np.subtract(self.position, self.focal_point)
 
 
 def support(scene: Scene) -> str:

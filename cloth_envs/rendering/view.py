@@ -47,7 +47,7 @@ class View:
         self.lights = [pv.Light(focal_point=(0, 0, 0), color=color, intensity=power) for _, color, power in look.LIGHTS]
         for light in self.lights:
             plotter.add_light(light, only_active=True)
-        self.ground = Ground(pv, plotter, box, framing.towards(camera))
+        self.ground = Ground(pv, plotter, box, camera.towards)
         self.sheet = Sheet(pv, plotter, scene.grid, strain_range)
         inset = 0.0 if scene.particles is None else PARTICLES_DEPTH
         self.bodies = {
@@ -75,7 +75,7 @@ class View:
         """Set what everything moves from, and the lights around the vertical."""
         self.place, self.camera.up = camera, camera.up
         self.anchor, self.start = framing.anchor(self.scene, start, member), self._handles(start, member)
-        axes = look.level_axes(framing.towards(camera))
+        axes = look.level_axes(camera.towards)
         for light, (at, _, _) in zip(self.lights, look.LIGHTS, strict=True):
             light.position = tuple(np.array(at) @ axes)
         if self.arrow is not None:
@@ -83,7 +83,7 @@ class View:
 
     def frame(self, start: State, member: int, box: np.ndarray, camera: framing.Camera) -> None:
         """Go to another start; the arguments are those of the class."""
-        self.ground.lay(box, framing.towards(camera))
+        self.ground.lay(box, camera.towards)
         for part, other in zip(self.parts, self._fixtures(start, member), strict=True):
             part.become(other)
         self._stand(start, member, camera)
