@@ -58,6 +58,7 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         self.observation_space = self.world.observer.space
         self.action_space = self.world.action_space
         self._renderer: Renderer | None = None
+        self._start: State | None = None  # of the episode, which its pictures are framed by
         self._limits = TimeLimits()
 
     def __repr__(self) -> str:  # str() names the id, as Gymnasium's wrappers expect
@@ -107,10 +108,16 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         self.world.set_positions(positions, velocities)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        check_reset_options(options)
         self._limits.find(self)
-        super().reset(seed=check_seed(seed))
+        try:
+            check_reset_options(options)
+            seed = check_seed(seed)
+        except ValueError:
+            self._limits.move(0, int(self.world.frames[0]))  # they have begun to count anew
+            raise
+        super().reset(seed=seed)
         self.world.reset({0: self.np_random})
+        self._start = None if self.render_mode is None else self.state.copy()
         return self._observation(), {}
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -136,6 +143,8 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         before = int(self.world.frames[0])
         self.world.set_state(state)
         self._limits.move(before, int(self.world.frames[0]))
+        if self._start is None and self.render_mode is not None:
+            self._start = self.state.copy()
         generator = self.world.rngs[0]
         if generator is not None:
             self.np_random = generator
@@ -151,7 +160,8 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
             from cloth_envs.rendering import Renderer
 
             self._renderer = Renderer(self.scene)
-        return self._renderer.draw(self.state) if self.render_mode == "rgb_array" else self._renderer.depth(self.state)
+        draw = self._renderer.draw if self.render_mode == "rgb_array" else self._renderer.depth
+        return draw(self.state, start=self._start)
 
     def close(self) -> None:
         if self._renderer is not None:

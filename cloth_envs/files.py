@@ -12,6 +12,8 @@ from typing import Any
 from zipfile import BadZipFile, ZipFile
 
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+NAMES = {errno.ENAMETOOLONG, errno.EILSEQ}
+MANY = {errno.EMFILE, errno.ENFILE}
 
 
 class WriteError(OSError):
@@ -20,17 +22,20 @@ class WriteError(OSError):
 
 def cannot_write(path: str | Path, error: OSError, kept: str = "") -> OSError:
     """An ``OSError`` that says why ``path`` can't be written, what to do, and what is ``kept`` all the same."""
-    folder = Path(path).absolute().parent
-    if not folder.is_dir():
+    if error.errno == errno.ESTALE:
+        advice = "start again, and leave the file where it is"
+    elif error.errno in NAMES:
+        advice = "choose another name"
+    elif not (folder := Path(os.path.realpath(path)).parent).is_dir():
         advice = f"create the folder {folder} first"
     elif error.errno in FULL:
         advice = "free some space, or choose a path on another disk"
     elif Path(path).exists() and not Path(path).is_file():
         advice = "choose a path that is no folder and no device"
+    elif error.errno in MANY:
+        advice = "close other files first"
     elif error.errno in (errno.EAGAIN, errno.EBUSY):
         advice = "let that end first, or choose another path"
-    elif error.errno == errno.ENOENT:
-        advice = "start again, and leave the file where it is"
     else:
         advice = "choose a path that you may write"
     told = WriteError(f"can't write {path} ({error.strerror or error}): {advice}{kept and f'; {kept}'}")
@@ -40,7 +45,14 @@ def cannot_write(path: str | Path, error: OSError, kept: str = "") -> OSError:
 
 def final_path(path: str | Path) -> Path:
     """Where what is written to ``path`` ends up: links followed. Raises OSError: a folder, a device, or read-only."""
+    if "\0" in str(path):
+        raise cannot_write(path, OSError(errno.EILSEQ, "a name with a null byte"))
     target = Path(os.path.realpath(path))
+    try:
+        target.lstat()
+    except OSError as error:
+        if error.errno in NAMES:
+            raise cannot_write(path, error) from error
     if target.exists() and not target.is_file():
         raise cannot_write(path, OSError(errno.EINVAL, "a folder" if target.is_dir() else "a device"))
     if target.exists() and not os.access(target, os.W_OK):

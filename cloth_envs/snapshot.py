@@ -12,7 +12,7 @@ from cloth_envs.naming import unknown_name
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 
-LIMIT = 1e6  # m, m/s, s, Pa: numbers of a state beyond it are no cloth's
+LIMIT = 1e6  # m, m/s, Pa: numbers of a state or a task beyond it are no cloth's
 OWN = "backend."  # before the names of what a backend remembers
 
 
@@ -64,7 +64,7 @@ class Snapshot:
         if lacks:
             raise ValueError(f"this state lacks {', '.join(lacks)}: pass all that get_state() gave")
         for name in parts:
-            if name not in needed and not name.startswith(OWN):
+            if name not in needed and not str(name).startswith(OWN):
                 raise unknown_name("part of a state:", name, needed)
         own = {OWN + name: value.shape for name, value in self.own.items()}
         remembered = {n: shape for n, shape in own.items() if n in parts and np.shape(parts[n]) == shape}
@@ -75,9 +75,10 @@ class Snapshot:
         texts = np.asarray(parts["rng"])
         if texts.shape != needed["rng"] or texts.dtype.kind != "U":
             raise ValueError(f"rng must be texts of shape {needed['rng']}, got {texts.dtype} of shape {texts.shape}")
+        kinds = {"frames": "iu"} | {f"memory.{name}": value.dtype.kind for name, value in self.memory.items()}
         numbers = {n: shape for n, shape in needed.items() if n != "rng"} | remembered
-        values = {name: check_array(name, parts[name], shape) for name, shape in numbers.items()}
-        self._check_frames(values["frames"], values["state.time"])
+        values = {n: check_array(n, parts[n], shape, kinds.get(n, "f")) for n, shape in numbers.items()}
+        values["state.time"] = self._check_time(values["frames"], values["state.time"])
         return replace(
             self,
             state=State(**_under("state.", values)),
@@ -102,35 +103,46 @@ class Snapshot:
         found |= {f"memory.{name}": value.shape for name, value in self.memory.items()}
         return found | {"frames": (batch,), "materials": (batch, len(PROPERTIES)), "rng": (batch,)}
 
-    def _check_frames(self, frames: np.ndarray, time: np.ndarray) -> None:
-        """Refuse counts that are none, or another time than theirs."""
-        if frames.dtype.kind not in "iu" or (frames < 0).any():
-            raise ValueError(f"frames must be whole numbers of at least 0, got {frames[:3].tolist()}")
-        dt = self.scene.frame_dt
-        if (abs(time - frames * dt) > dt / 2).any():
+    def _check_time(self, frames: np.ndarray, time: np.ndarray) -> np.ndarray:
+        """Frames times the frame. Raises ValueError: ``time`` is another one, or frames are negative."""
+        exact: np.ndarray = frames * self.scene.frame_dt
+        if (frames < 0).any() or (abs(time - exact) > self.scene.frame_dt / 2).any():
             raise ValueError(
-                f"state.time must be frames times {dt:g} s, got times of {time[:3].tolist()} "
-                f"for frames of {frames[:3].tolist()}"
+                f"state.time must be frames times {self.scene.frame_dt:g} s, and frames at least 0, got times of "
+                f"{time[:3].tolist()} for frames of {frames[:3].tolist()}"
             )
+        return exact
 
 
-def check_array(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """A copy of finite numbers of ``shape``, those of a state below ``LIMIT``. Raises ValueError: they are not."""
+def check_array(name: str, value: Any, shape: tuple[int, ...], kinds: str = "f") -> np.ndarray:
+    """A copy of finite numbers of ``shape``, of one of NumPy's ``kinds``; a state's and a task's are within ``LIMIT``.
+
+    Raises:
+        ValueError: they are not.
+    """
+    if isinstance(value, np.ma.MaskedArray):
+        raise ValueError(f"{name} is a masked array: pass a plain one")
     try:
         given = np.array(value)
     except ValueError as error:
         raise ValueError(f"{name} must be an array of shape {shape} ({error})") from error
     if given.shape != shape:
         raise ValueError(f"{name} must have shape {shape}, got {given.shape}")
-    if given.dtype.kind not in "fiu" or not np.isfinite(given).all():
-        raise ValueError(f"{name} must be finite numbers, it holds NaN, infinity or no numbers ({given.dtype})")
-    if name.startswith("state.") and (abs(given) > LIMIT).any():
+    if given.dtype.kind not in kinds or given.dtype == np.float16:
+        wanted = {"iu": "whole numbers", "b": "bool"}.get(kinds, "float32 or float64")
+        raise ValueError(f"{name} must be {wanted}, got {given.dtype}")
+    if not np.isfinite(given).all():
+        raise ValueError(f"{name} must be finite, it holds NaN or infinity")
+    limited = name.startswith(("state.", "memory.")) and name != "state.time"
+    if limited and (abs(given) > LIMIT).any():
         raise ValueError(f"{name} must lie within +-{LIMIT:g}, got {abs(given).max():g}: SI units")
     return given
 
 
 def check_scene(found: Any, wanted: str) -> None:
     """Refuse a state whose ``identity`` is another. Raises ValueError: says in what they differ."""
+    if found is None:
+        raise ValueError("this state lacks scene: pass all that get_state() gave")
     try:
         there, here = json.loads(str(found)), json.loads(wanted)
         other = [f"{n} {there.get(n)!r} instead of {value!r}" for n, value in here.items() if there.get(n) != value]
@@ -148,13 +160,17 @@ def _under(prefix: str, values: Mapping[str, np.ndarray]) -> dict[str, np.ndarra
 
 
 def _generator(text: str) -> np.random.Generator | None:
-    """The generator that a JSON text tells, None of ``null``. Raises ValueError: it tells none."""
+    """The generator that a JSON text tells, None of ``null``. Raises ValueError: it tells none, or a broken one."""
     try:
         content = json.loads(text)
         if content is None:
             return None
         generator = np.random.Generator(getattr(np.random, content["bit_generator"])())
         generator.bit_generator.state = content
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise ValueError(f"this state's rng can't be read ({error!r}): pass what get_state() gave") from error
+        as_taken = json.dumps(generator.bit_generator.state, default=np.ndarray.tolist)
+        increment = dict(content["state"]).get("inc", 1)  # of PCG64, where it is odd
+        if as_taken != json.dumps(content) or content.get("has_uint32", 0) not in (0, 1) or increment % 2 == 0:
+            raise ValueError("its numbers can't be those of a generator")
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
+        raise ValueError(f"this state's rng can't be read ({error}): pass what get_state() gave") from error
     return generator

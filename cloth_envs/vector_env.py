@@ -1,7 +1,7 @@
 """The vector environment: one batched state, threads over its members."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -154,12 +154,11 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         Raises:
             ValueError: see ``World.set_state``; nothing has changed.
         """
-        parts = dict(state)
-        if "ended" not in parts:
+        if not isinstance(state, Mapping) or "ended" not in state:
             raise ValueError("this state lacks ended: pass what get_state() of a vector environment gave")
-        ended = check_array("ended", np.asarray(parts.pop("ended"), float), self._ended.shape)
-        self.world.set_state(parts)
-        self._ended = ended != 0
+        ended = check_array("ended", state["ended"], self._ended.shape, "b")
+        self.world.set_state({name: value for name, value in state.items() if name != "ended"})
+        self._ended = ended
 
 
 def _limit(frames: int | None) -> int | None:

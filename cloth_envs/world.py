@@ -174,7 +174,7 @@ class World:
         }
         for name, value in parts.items():
             target = getattr(state, name)[0]
-            target[:] = check_array(f"state.{name}", value, target.shape)
+            target[:] = check_array(f"state.{name}", value, target.shape, "fiu")
         self._place([which], state, {})
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, list[str | None]]:

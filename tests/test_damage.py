@@ -115,6 +115,15 @@ def test_damaged_rows_weights_and_arrays(tmp_path: Path) -> None:
         (tmp_path / "rows.csv").write_bytes(content)
         with pytest.raises(ValueError, match=r"rows\.csv .*remove it"):
             read_rows(tmp_path / "rows.csv", Number)
+    write_rows(tmp_path / "rows.csv", rows)
+    whole_rows = (tmp_path / "rows.csv").read_bytes()
+    cuts = [whole_rows[:length] for length in range(len(whole_rows) - 2)]
+    for content in (*damaged(whole_rows, 200, seed=5), *cuts):
+        (tmp_path / "rows.csv").write_bytes(content)
+        found = attempt(lambda: read_rows(tmp_path / "rows.csv", Number), tmp_path / "rows.csv")
+        assert found in (None, rows)
+    (tmp_path / "rows.csv").write_bytes(whole_rows.replace(b"\r\n", b"\n"))  # as some editors and git write it
+    assert read_rows(tmp_path / "rows.csv", Number) == rows
     path = tmp_path / "a.npz"
     cached_arrays(path, lambda: arrays)
     for content in damaged(path.read_bytes(), 150, seed=1):

@@ -177,6 +177,8 @@ BAD_TIMES = {
     "twice": [0.0, 0.04, 0.04, 0.08, 0.12, 0.16],
     "negative": [-0.04, 0.0, 0.04, 0.08, 0.12, 0.16],
     "not finite": [0.0, np.nan, 0.08, 0.12, 0.16, 0.2],
+    "endless": [0.0, 0.04, 0.08, 0.12, 0.16, np.inf],
+    "endless twice": [0.0, 0.04, 0.08, 0.12, np.inf, np.inf],
     "the same in float32": [1e7 + 0.04 * frame for frame in range(FRAMES)],
 }
 

@@ -137,12 +137,12 @@ def test_two_writers(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
     first = make(path)
     run(first)
-    with pytest.raises(OSError, match="another writer has it open"):
+    with pytest.raises(OSError, match="another program has it open"):
         make(path, overwrite=True)
     first.close()
     second = make(path, overwrite=True)
     run(second, 2)
-    with pytest.raises(OSError, match="another writer has it open"):
+    with pytest.raises(OSError, match="another program has it open"):
         make(path, overwrite=True)
     with Rollout.open(path) as reader:  # of the old file, also after it was replaced
         assert reader.lengths == [41]

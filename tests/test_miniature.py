@@ -15,12 +15,13 @@ import cloth_envs
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.physics.explicit.solver import ExplicitSolver
-from cloth_envs.registry import SCENES
+from cloth_envs.registry import SCENES, load_task
 from cloth_envs.resample import KINDS
 from cloth_envs.scene import Collider, Scene, Wind
 from cloth_envs.state import Controls, LazyState, State
 from cloth_envs.world import World
 from surrogates.miniature.backend import MiniatureBackend
+from surrogates.miniature.choice import Choice, choose
 from surrogates.miniature.closure import miniature_material
 from surrogates.miniature.coarse import coarse_grid
 from surrogates.miniature.handles import Handles
@@ -314,14 +315,62 @@ def test_handles_are_not_placed_in_a_copy() -> None:
         handles.place(field, np.ones((1, 1, 3)), np.array([0], np.int32))
 
 
-@pytest.mark.parametrize("resolution", [(3, 60), (60, 3), (4, 40), (5, 30), (30, 7)])
-@pytest.mark.parametrize("scene", ["Flag", "Curtain", "Hanging"])
-def test_the_default_lives_through_what_the_reference_does_on_oblong_cells(
-    scene: str, resolution: tuple[int, int]
+THIN = [(3, 60), (60, 3), (4, 40), (5, 30), (30, 7)]
+LIVES = [
+    *((scene, shape, 2, 0, 1.0) for scene in ("Flag", "Curtain", "Hanging") for shape in THIN),
+    ("Curtain", (63, 6), 2, 95, 1.0),
+    ("Curtain", (40, 6), 2, 0, 1.0),
+    ("Curtain", (3, 51), 2, 0, 1.0),
+    ("Curtain", (5, 41), 2, 0, 1.0),
+    ("Curtain", (6, 65), 2, 0, 1.0),
+    ("Curtain", (3, 60), 3, 0, 1.0),
+    ("Curtain", (3, 60), 4, 0, 8.0),
+    ("BallDrop", (6, 6), 2, 101, 1.0),
+    ("BallDrop", (9, 9), 4, 0, 1.0),
+    ("Pressure", (4, 68), 2, 0, 8.0),
+    ("Flag", (4, 55), 2, 138, 1.0),
+    ("Collision", (6, 44), 2, 0, 8.0),
+    ("Collision", (11, 8), 4, 0, 8.0),
+]
+
+
+@pytest.mark.parametrize(("scene", "resolution", "factor", "seed", "strength"), LIVES)
+def test_the_default_lives_through_what_the_reference_does_on_small_and_thin_grids(
+    scene: str, resolution: tuple[int, int], factor: int, seed: int, strength: float
 ) -> None:
-    for options in ({}, {"backend": "miniature"}):
-        world = World(scene, resolution=resolution, **options)
-        world.reset({0: np.random.default_rng(0)})
-        rng = np.random.default_rng(0)
-        for _ in range(30):
-            assert world.step(rng.uniform(-1, 1, (1, len(world.task.actions))))[1] == [None]
+    """Under random actions, of ``strength`` 8 nearly bang-bang ones."""
+    for options in ({}, {"backend": "miniature", "backend_kwargs": {"factor": factor}}):
+        world = World(scene, num_envs=4, resolution=resolution, **options)
+        world.reset({i: np_random(seed + i)[0] for i in range(4)})
+        rng = np.random.default_rng(seed)
+        for _ in range(45):
+            actions = np.clip(strength * rng.uniform(-1, 1, (4, len(world.task.actions))), -1, 1)
+            assert world.step(actions)[1] == [None] * 4
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("factor", [2, 3, 4])
+def test_from_half_the_scenes_own_grid_the_default_is_what_was_trained(name: str, factor: int) -> None:
+    rows, cols = load_task(name).resolution
+    for shape in ((rows, cols), (rows // 2 + 1, cols // 2 + 1), (2 * rows - 1, 2 * cols - 1)):
+        task = load_task(name)
+        scene = task.make_scene(resolution=shape, material=task.material)
+        assert choose(scene, factor) == Choice("closure", "local")
+
+
+def test_a_cloth_of_few_cells_is_the_reference() -> None:
+    worlds = [World("BallDrop", resolution=(7, 5), backend=backend) for backend in ("reference", "miniature")]
+    for world in worlds:
+        world.reset({0: np_random(0)[0]})
+        for _ in range(20):
+            world.step(np.ones((1, 2)))
+    reference, miniature = worlds
+    assert isinstance(miniature.backend, MiniatureBackend)
+    assert miniature.backend.coarse.scene.grid == reference.scene.grid
+    np.testing.assert_array_equal(miniature.state.positions, reference.state.positions)
+
+
+def test_a_handle_midway_between_coarse_vertices_drives_both() -> None:
+    """Or the fine one, interpolated from a driven and a free vertex, would part from where it is driven."""
+    fine = Grid(9, 33, 1.0, 1.0)
+    assert set(Handles.of(fine, coarse_grid(fine, 2), (0, 11, 21, 32)).vertices) == {0, 5, 6, 10, 11, 16}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,7 +16,7 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from training.bench.baselines import Extrapolation, Offset, Oracle, fractional
 from training.bench.benchmark import find
-from training.bench.clock import costs
+from training.bench.clock import CostRow, costs
 from training.bench.measure import Windows, errors, failed_by, gather
 from training.bench.participants import FAMILIES, Participant, label, truth
 from training.bench.speed_accuracy.rows import GATE, SpeedAccuracyRow, front, long_runs, statistics, summaries
@@ -221,8 +220,8 @@ def test_quick_run_end_to_end_and_again(tmp_path: Path, capsys: pytest.CaptureFi
     assert at["reference", '{"solver": "admm"}', 5].error > coarse.error
     frozen, repeated = (at[name, "{}", 5].error for name in (f"{__name__}:Frozen", "repeat last frame"))
     assert frozen == pytest.approx(repeated, rel=1e-5)  # rounded to single precision and to five digits
-    with (out / "speed_accuracy_cost.csv").open() as file:
-        assert {(r["batch"], r["threads"]) for r in csv.DictReader(file)} == {("1", "1"), ("16", "1"), ("16", "2")}
+    cost_rows = read_rows(out / "speed_accuracy_cost.csv", CostRow)
+    assert {(row.batch, row.threads) for row in cost_rows} == {(1, 1), (16, 1), (16, 2)}
     # Nothing is measured twice; the charts come from the rows alone.
     for name in ("speed_accuracy", "speed_accuracy_flag"):
         assert ElementTree.parse(images / f"{name}.svg").getroot().tag.endswith("svg")

@@ -54,12 +54,23 @@ def test_what_is_no_state_is_refused_in_a_sentence() -> None:
     refused(env, good | {"memory.gaol": np.zeros(1)}, "memory.goal")
     refused(env, good | {"state.positions": np.full(good["state.positions"].shape, 1e300)}, "1e.06")
     refused(env, good | {"state.positions": "here"}, "shape")
+    refused(env, good | {"memory.goal": np.full(good["memory.goal"].shape, 1e300)}, "1e.06")
+    for kind in (int, np.uint8, np.float16, complex, object):
+        refused(env, good | {"state.positions": good["state.positions"].astype(kind)}, "float32 or float64")
+    refused(env, good | {"state.positions": np.ma.masked_array(good["state.positions"], mask=True)}, "masked")
+    refused(env, {**good, 5: np.zeros(1)}, "5")
+    refused(env, {}, "lacks scene")
     refused(env, good | {"frames": good["frames"] + 0.5}, "whole numbers")
     refused(env, good | {"frames": good["frames"] - 9}, "at least 0")
     refused(env, good | {"state.time": good["state.time"] + 1.0}, "frames times")
     refused(env, good | {"rng": np.array(["{}"])}, "rng")
     refused(env, good | {"rng": np.array(["not JSON"])}, "rng")
     refused(env, good | {"rng": np.array([json.dumps({"bit_generator": "Nothing"})])}, "rng")
+    told = json.loads(str(good["rng"][0]))
+    for part in ({"inc": 0}, {"inc": 4}, {"state": -1}, {"state": 2**130}, {"state": 1.5}, {"state": True}):
+        refused(env, good | {"rng": np.array([json.dumps(told | {"state": told["state"] | part})])}, "rng")
+    for part in ({"has_uint32": 2}, {"has_uint32": True}, {"uinteger": 1.5}, {"uinteger": 2**40}):
+        refused(env, good | {"rng": np.array([json.dumps(told | part)])}, "rng")
     refused(env, good | {"scene": np.array("[]")}, "scene")
 
 
@@ -84,6 +95,9 @@ def test_states_of_other_scenes_presets_and_resolutions_are_refused(scene: str) 
         ({"backend_kwargs": {"substeps": 300}}, "stretch_stiffness", 1e5),
         ({"backend_kwargs": {"solver": "admm"}}, "compression", 0.5),
         ({"backend_kwargs": {"solver": "admm"}}, "stretch_stiffness", 1e200),
+        ({"backend_kwargs": {"solver": "admm"}}, "areal_density", 1e-6),
+        ({"backend_kwargs": {"solver": "admm"}}, "damping", 1e3),
+        ({"backend_kwargs": {"solver": "implicit"}}, "bend_stiffness", 1e15),
         ({"backend": "miniature"}, "stretch_stiffness", 1e11),
         ({"backend": "cnn"}, "stretch_stiffness", 1e11),
     ],
@@ -94,7 +108,7 @@ def test_a_material_that_the_solver_cant_step_is_refused(options: dict, name: st
     state["materials"][0, PROPERTIES.index(name)] = value
     refused(env, state)
     with pytest.raises(ValueError, match=f"randomize.*{name}"):
-        make("Flag", **options, randomize={name: (0.1, value)})
+        make("Flag", **options, randomize={name: tuple(sorted((0.1, value)))})
 
 
 def test_ranges_are_checked_at_their_corners() -> None:
@@ -104,6 +118,16 @@ def test_ranges_are_checked_at_their_corners() -> None:
     for build in (gym.make, gym.make_vec):
         with pytest.raises(ValueError, match=r"areal_density.*stretch_stiffness.*substeps"):
             build(cloth_envs.env_id("Flag"), randomize=light | stiff)
+
+
+@pytest.mark.parametrize("state", [None, 5, "x", np.zeros(3), {}, {5: np.zeros(1)}])
+def test_vector_environments_refuse_in_a_sentence_too(state: object) -> None:
+    env = gym.make_vec(cloth_envs.env_id("Flag"), num_envs=2, **SMALL)
+    env.reset(seed=0)
+    good = env.unwrapped.get_state()
+    refused(env, state, "get_state")
+    for ended in ([0.5, 0], [0, 2], ["a", "b"], [True]):
+        refused(env, good | {"ended": np.array(ended)}, "ended")
 
 
 @pytest.mark.parametrize("positions", [1e300, np.nan, np.inf, 1e7])
@@ -177,6 +201,27 @@ def test_the_time_limit_goes_back_with_the_state(build) -> None:
             assert frames_left(target) == 12 - at
     env.reset()
     assert frames_left(env) == 12
+
+
+@pytest.mark.parametrize("wrong", [{"seed": "a"}, {"seed": -1}, {"options": {"mask": 1}}])
+def test_a_refused_reset_leaves_the_time_limit(wrong: dict) -> None:
+    env = gym.make(cloth_envs.env_id("Flag"), max_episode_steps=10, **SMALL)
+    env.reset(seed=0)
+    for _ in range(4):
+        env.step(np.zeros(2))
+    with pytest.raises(ValueError, match=r"seed|mask"):
+        env.reset(**wrong)
+    assert frames_left(env) == 6
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_a_rounded_time_becomes_exact(kind: type) -> None:
+    env = make("Flag")
+    env.step(np.zeros(2))
+    env.step(np.zeros(2))
+    state = env.unwrapped.get_state()
+    env.unwrapped.set_state(state | {"state.time": (state["state.time"] * (1 + 1e-9)).astype(kind)})
+    assert env.unwrapped.time == 3 * env.unwrapped.scene.frame_dt
 
 
 def test_time_is_frames_times_the_frame() -> None:

@@ -3,13 +3,17 @@
 import csv
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, fields
+from io import StringIO
 from pathlib import Path
 from typing import Any, Generic, TypeVar, get_type_hints
+from zlib import crc32
 
-from cloth_envs.files import reading, replacing
+from cloth_envs.files import reading, write_bytes
 from cloth_envs.naming import unknown_name
 
 Row = TypeVar("Row")
+MARK = b"# crc32 "
+REMEDY = "restore it, or remove it to measure again"
 
 
 def read_names(text: str, known: Sequence[str], what: str) -> list[str]:
@@ -32,21 +36,38 @@ def read_rows(path: Path, kind: type[Row]) -> list[Row]:
         ValueError: the file is damaged, or has other columns.
     """
     types = get_type_hints(kind)
-    with reading(path, "restore it, or remove it to measure again"), path.open(newline="") as file:
-        lines = list(csv.reader(file, strict=True))
-        header, *body = lines
+    with reading(path, REMEDY):
+        content = path.read_bytes().replace(b"\r\n", b"\n")
+        body = content[: content.rfind(MARK)]
+        whole = content == body + _mark(body, len(types))
+        text = (body if whole else content).decode()
+        header, *lines = csv.reader(StringIO(text, newline=""), strict=True)
     if header != list(types):
         raise ValueError(f"{path} has other columns than this version writes: remove it, or choose another --out")
-    with reading(path, "restore it, or remove it to measure again"):
-        return [kind(**{n: types[n](text) for n, text in zip(types, line, strict=True)}) for line in body]
+    with reading(path, REMEDY):
+        if not whole:
+            raise ValueError("its last line is not its checksum")
+        return [kind(**{n: types[n](text) for n, text in zip(types, line, strict=True)}) for line in lines]
 
 
 def write_rows(path: Path, rows: Sequence[Any]) -> None:
-    """Dataclasses as CSV, in place of what is there. Raises OSError: it can't be written; the old file stays."""
-    with replacing(path) as part, part.open("w", newline="") as file:
-        writer = csv.DictWriter(file, [field.name for field in fields(rows[0])])
-        writer.writeheader()
-        writer.writerows(asdict(row) for row in rows)
+    """Dataclasses as CSV, in place of what is there; the last line is a comment with the CRC-32 of those before.
+
+    Raises:
+        OSError: it can't be written; the old file stays.
+    """
+    names = [field.name for field in fields(rows[0])]
+    text = StringIO(newline="")
+    writer = csv.DictWriter(text, names, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(asdict(row) for row in rows)
+    body = text.getvalue().encode()
+    write_bytes(path, (body + _mark(body, len(names))).replace(b"\n", b"\r\n"))
+
+
+def _mark(body: bytes, columns: int) -> bytes:
+    """The last line: as many columns as the others have, so that tables of it are drawn."""
+    return MARK + f"{crc32(body):08x}{',' * (columns - 1)}\n".encode()
 
 
 def rounded(row: Row) -> Row:

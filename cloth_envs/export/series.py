@@ -12,7 +12,7 @@ from cloth_envs.rendering.sheet import drawn, normals, vertex_strain
 from cloth_envs.state import State
 
 PLANE = 4.0  # least side of a plane's square, in lengths of the cloth
-FAR = 1e15  # m, m/s: beyond it float32 overflows where values are subtracted or squared
+FAR = 1e15  # m, m/s, s: beyond it float32 overflows where values are subtracted or squared
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,9 @@ class Series:
 
 
 def increasing(times: Sequence[float], numbers: Sequence[int], frame_dt: float) -> list[float]:
-    """``times`` [s] where no file would mix them up: not below 0, and a step that shows in float32 and in frames."""
-    steps = np.diff(np.array(times, np.float32))
-    if times[0] >= 0 and (steps > 1e-3 * frame_dt).all():
+    """``times`` [s] where no file mixes them up: from 0 or later, with steps that show in float32 and in frames."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = np.diff(np.array(times, np.float32))
+    if 0 <= times[0] < FAR and (steps > 1e-3 * frame_dt).all() and (steps < FAR).all():
         return list(times)
     return [number * frame_dt for number in numbers]

@@ -26,6 +26,8 @@ PARTICLE_SOLVERS: dict[str, str] = {
     "explicit": "cloth_envs.physics.particles.solver:ParticleSolver",
 }
 
+CONDITION = 0.5  # of an implicit step's matrix, over what the digits can tell
+
 
 def solvers_of(scene: Scene) -> dict[str, str]:
     """Those that step the scene: a sheet, or a net of particles."""
@@ -83,6 +85,50 @@ def kernel_sheet(scene: Scene) -> kernels.Sheet:
 def kernel_material(scene: Scene, material: Material) -> kernels.Material:
     """A material as compiled solvers take it: drag only where the scene has it."""
     return kernels.Material(**material.as_dict() | {"drag": material.drag * scene.drag})
+
+
+def stiffness_bound(scene: Scene, material: Material) -> tuple[float, float]:
+    """Upper bounds on the eigenvalues of ``M^-1 K`` for springs and for bending [1/s^2].
+
+    A spring's Hessian never exceeds its stiffness times the identity, however the cloth is folded or
+    stretched, so the scalar graph Laplacian bounds every configuration. Its largest eigenvalue is at
+    most the largest of any one cell's with that cell's lumped masses (Irons & Treharne 1971); all
+    cells of a grid are equal, and a 4 x 4 problem remains. Bending along one direction has symbol
+    ``gb (2 - 2 cos)^2 <= 16 gb``.
+    """
+    g = scene.grid
+    a, b = g.row_spacing, g.col_spacing
+    along, down = material.stretch_stiffness * a / b / 2, material.stretch_stiffness * b / a / 2
+    shear = material.shear_stiffness * (a * a + b * b) / (2 * a * b)
+    laplacian = np.zeros((4, 4))
+    edges = [(0, 1, along), (2, 3, along), (0, 2, down), (1, 3, down), (0, 3, shear), (1, 2, shear)]
+    for i, j, k in edges:
+        laplacian[i, i] += k
+        laplacian[j, j] += k
+        laplacian[i, j] -= k
+        laplacian[j, i] -= k
+    quarter = material.areal_density * a * b / 4
+    springs = float(np.linalg.eigvalsh(laplacian)[-1]) / quarter
+    bending = 16 * material.bend_stiffness * (a**-4 + b**-4) / material.areal_density
+    return springs, bending
+
+
+def check_condition(scene: Scene, material: Material, h: float, dtype: np.dtype) -> None:
+    """Refuse a material whose implicit step ``h`` [s] has a matrix that ``dtype`` can't solve.
+
+    Over the mass, its eigenvalues lie between 1 and ``1 + h^2 K + h C``, where float32 tells seven digits.
+
+    Raises:
+        ValueError: says what to change.
+    """
+    springs, bending = stiffness_bound(scene, material)
+    found = 1 + h * h * (springs + bending) + h * material.damping * springs
+    most = CONDITION / float(np.finfo(dtype).eps)
+    if not found < most:
+        raise ValueError(
+            f"this material makes an implicit step too stiff for {dtype} (condition {found:.2g}, at most {most:.2g}): "
+            "lower its stiffness or damping, raise its areal_density, use substeps or a coarser resolution"
+        )
 
 
 class Solver(ABC):

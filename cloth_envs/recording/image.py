@@ -1,10 +1,11 @@
-"""The file that HDF5 writes to and reads from: changes go to the disk all at once, and never fail inside HDF5.
+"""The file that HDF5 writes to: changes go to the disk all at once, and never fail inside HDF5.
 
 libhdf5 can't stand a failed write (its next close ends in a segmentation fault, h5py #914). So it is given this object
-in place of a file: what it writes stays in memory until ``commit``, which appends new bytes, then a journal of those
-that replace old ones, and then replaces them. A writer that is killed or that finds the disk full leaves the file as
-the last commit made it; one that is stopped between journal and replacing leaves the journal, which ``Image`` applies.
-Without a journal at its end the file is plain HDF5.
+in place of a file: what it writes stays in memory until ``commit``. Beyond HDF5's file, where HDF5 does not look, is a
+trailer with the checksums of its pages. A commit puts that behind where the new bytes go, then the new bytes, then the
+next trailer, which holds those that replace old ones too: from then on it counts, for all who read with ``StoredFile``.
+Then it replaces the old bytes, and moves the trailer to its place. The file ends in a whole trailer all the time, so
+that a writer that is killed or finds the disk full leaves the file as the last commit made it.
 """
 
 import errno
@@ -12,70 +13,53 @@ import io
 import os
 import struct
 import sys
-import zlib
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-_CHANGE = struct.Struct("<QQ")  # offset and length of the bytes that follow
-_END = struct.Struct("<8sQL")  # closes a journal: magic, its length, its CRC-32
-_MAGIC = b"MCjournl"
+from cloth_envs.recording.pages import PAGE, Change, Trailer, by_page, checksum, overlay, pages
+
 _COUNT = struct.Struct("<q")
 
 
 class Image(io.RawIOBase):
-    """A file object for ``h5py.File``; ``writer``: a file to be made, or emptied if ``path`` exists.
+    """A file object for ``h5py.File`` to write to: a file that is made, or emptied if ``path`` exists.
 
     Raises:
-        OSError: it can't be opened, or another writer has it open.
+        OSError: it can't be opened, or another program has it open.
     """
 
-    def __init__(self, path: Path, *, writer: bool = False) -> None:
-        self.path, self._writer, self._owner = path, writer, os.getpid()
+    def __init__(self, path: Path) -> None:
+        self.path, self._owner = path, os.getpid()
         self.counter: int | None = None  # where the number of commits is
         self.commits = 0
-        self._disk = path.open(("r+b" if path.exists() else "x+b") if writer else "rb", buffering=0)
-        self._changes: list[tuple[int, bytes]] = []  # what the disk does not have, in order
+        self._disk = path.open("r+b" if path.exists() else "x+b", buffering=0)
+        self._changes: list[Change] = []  # what the disk does not have, in order
         self._at = self._size = self._end = 0
+        self._sums: list[int] = []  # of the pages up to _end
         self.failed: OSError | None = None  # what a read met, of which HDF5 must not know
-        if writer:
-            try:
-                lock(self._disk)
-            except OSError:
-                self._disk.close()
-                raise
-            self._disk.truncate(0)
-        else:
-            self._read_journal()
+        try:
+            lock(self._disk)
+        except OSError:
+            self._disk.close()
+            raise
+        self._disk.truncate(0)
+
+    @property
+    def there(self) -> bool:
+        """Whether the file still has its name."""
+        return _same(self._disk, self.path)
 
     @property
     def mine(self) -> bool:
         """Whether this process opened it, and not one of which it is a fork."""
         return os.getpid() == self._owner
 
-    def _read_journal(self) -> None:
-        whole = self._size = self._disk.seek(0, os.SEEK_END)
-        tail = self._from_disk(max(0, whole - _END.size), _END.size)
-        if len(tail) < _END.size:
-            return
-        magic, length, check = _END.unpack(tail)
-        begin = whole - _END.size - length
-        if magic != _MAGIC or begin < 0:
-            return
-        body = self._from_disk(begin, length)
-        if zlib.crc32(body) == check:
-            self._changes, self._size = list(_changes(body)), begin
-
-    def _from_disk(self, offset: int, length: int) -> bytes:
-        self._disk.seek(offset)
-        return self._disk.read(length)
-
     def _put(self, offset: int, data: bytes) -> None:
-        self._disk.seek(offset)
         rest = memoryview(data)
         while rest:
-            rest = rest[self._disk.write(rest) :]
+            done = os.pwrite(self._disk.fileno(), rest, offset)
+            rest, offset = rest[done:], offset + done
 
     def commit(self) -> None:
         """Put what was written since the last time onto the disk, whole or not at all.
@@ -85,43 +69,58 @@ class Image(io.RawIOBase):
         """
         if not self.mine:
             raise OSError(errno.EBUSY, "the process that this is a fork of has it open")
-        old = [(at, data) for at, data in self._changes if at < self._end]
-        new = [(at, data) for at, data in self._changes if at >= self._end]
-        last = max(self._end, self._size)
         if self.failed is not None:
             raise self.failed
+        if not self.there:
+            raise OSError(errno.ESTALE, "it was removed or replaced meanwhile")
+        if self.counter is not None:
+            self._changes.append((self.counter, _COUNT.pack(self.commits + 1)))
+        last = max(self._end, self._size)
+        old = [(at, data) for at, data in self._changes if at < self._end]
+        sums = self._new_sums(last)
+        before = Trailer(self._end, self._sums).pack() if self._end else b""
+        after = Trailer(last, sums).pack()
+        whole = os.fstat(self._disk.fileno()).st_size  # what counts if anything fails
+        copy = max(last + len(after), whole)
         try:
-            if not _same(self._disk, self.path):
-                raise FileNotFoundError(errno.ENOENT, "it was removed or replaced meanwhile")
-            self._disk.truncate(self._end)  # less the journal before
-            for at, data in new:
-                self._put(at, data)
-            self._disk.truncate(last)
-            body = b"".join(_CHANGE.pack(at, len(data)) + data for at, data in old)
-            self._put(last, body + _END.pack(_MAGIC, len(body), zlib.crc32(body)))
+            self._put(copy, before)
+            whole = copy + len(before) if before else whole
+            for at, data in self._changes:
+                if at >= self._end:
+                    self._put(at, data)
+            self._put(copy + len(before), Trailer(last, sums, old).pack())
         except OSError:
             with suppress(OSError):
-                self._disk.truncate(self._end)
+                self._disk.truncate(whole)
             raise
-        if self.counter is not None:  # first of all, so that a reader who saw any change finds another number
-            self.commits += 1
-            self._put(self.counter, _COUNT.pack(self.commits))
-        for at, data in old:
+        self.commits += 1
+        for at, data in old[-1:] + old:  # the counter first, so that a reader who saw any change finds another number
             self._put(at, data)
-        self._end, self._changes = last, []
+        self._put(last, after)
+        self._disk.truncate(last + len(after))
+        self._end, self._sums, self._changes = last, sums, []
+
+    def _new_sums(self, last: int) -> list[int]:
+        """Of the pages of ``last`` bytes, with the changes."""
+        touched, sums = by_page(self._changes), self._sums + [0] * (pages(last) - len(self._sums))
+        for number in {*touched, *range(self._end // PAGE, len(sums))}:
+            begin = number * PAGE
+            content = bytearray(min(PAGE, last - begin))
+            data = os.pread(self._disk.fileno(), max(0, min(len(content), self._end - begin)), begin)
+            content[: len(data)] = data
+            overlay(content, begin, touched.get(number, ()))
+            sums[number] = checksum(content)
+        return sums
 
     def finish(self) -> None:
-        """Commit, and leave plain HDF5. Raises OSError: it can't be."""
+        """Commit, for good. Raises OSError: it can't be."""
         self.commit()
-        self._disk.truncate(self._size)
         os.fsync(self._disk.fileno())
 
-    def count(self, offset: int) -> int:
-        """How many commits the disk has seen, of which HDF5 keeps the number at ``offset``."""
-        data = self._from_disk(offset, _COUNT.size)
-        return int(_COUNT.unpack(data)[0]) if len(data) == _COUNT.size else -1
-
     def close(self) -> None:
+        """Close it; other programs may write to it then, although a fork of this process has it open too."""
+        if self.mine and not self._disk.closed:
+            unlock(self._disk)
         self._disk.close()
         super().close()
 
@@ -135,19 +134,14 @@ class Image(io.RawIOBase):
         return self._at
 
     def readinto(self, buffer: Any) -> int:
-        out, begin = memoryview(buffer).cast("B"), self._at
+        out = memoryview(buffer).cast("B")
         try:
-            found = self._from_disk(begin, len(out))
+            found = os.pread(self._disk.fileno(), max(0, min(len(out), self._end - self._at)), self._at)
         except OSError as error:
-            if not self._writer:
-                raise
             found, self.failed = b"", error
         out[: len(found)] = found
         out[len(found) :] = bytes(len(out) - len(found))
-        for at, data in self._changes:
-            first, last = max(at, begin), min(at + len(data), begin + len(out))
-            if first < last:
-                out[first - begin : last - begin] = data[first - at : last - at]
+        overlay(out, self._at, self._changes)
         self._at += len(out)
         return len(out)
 
@@ -170,18 +164,10 @@ class Image(io.RawIOBase):
         return True
 
     def writable(self) -> bool:
-        return self._writer
+        return True
 
     def seekable(self) -> bool:
         return True
-
-
-def _changes(body: bytes) -> Iterator[tuple[int, bytes]]:
-    begin = 0
-    while begin < len(body):
-        at, length = _CHANGE.unpack_from(body, begin)
-        begin += _CHANGE.size + length
-        yield at, body[begin - length : begin]
 
 
 def _same(file: Any, path: Path) -> bool:
@@ -190,10 +176,10 @@ def _same(file: Any, path: Path) -> bool:
 
 
 def lock(file: Any) -> None:
-    """Keep other writers off an open file until it is closed, where the system has such locks.
+    """Keep other writers off an open file until it is unlocked or closed, where the system has such locks.
 
     Raises:
-        BlockingIOError: another writer has it.
+        BlockingIOError: another program has it.
     """
     if sys.platform == "win32":
         return
@@ -202,6 +188,16 @@ def lock(file: Any) -> None:
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        raise BlockingIOError(error.errno, "another writer has it open") from error
+        raise BlockingIOError(error.errno, "another program has it open") from error
     except OSError:
         return  # a file system without locks
+
+
+def unlock(file: Any) -> None:
+    """Let others write, also where a fork of this process has the same file open."""
+    if sys.platform == "win32":
+        return
+    import fcntl
+
+    with suppress(OSError):  # a file system without locks, or a disk that is gone
+        fcntl.flock(file, fcntl.LOCK_UN)

@@ -1,6 +1,5 @@
 """The layout of a rollout file: names, attributes and empty datasets."""
 
-import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, is_dataclass
@@ -68,12 +67,6 @@ def plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} has no place in JSON")
 
 
-def digest(attributes: Mapping[str, Any]) -> str:
-    """What ``@digest`` is: the SHA-256 of the other attributes that never change."""
-    known = {name: str(value) for name, value in sorted(attributes.items()) if name not in ("digest", "n_trajectories")}
-    return hashlib.sha256(json.dumps(known).encode()).hexdigest()
-
-
 def lay_out(
     file: h5py.File, scene: Scene, *, dtype: np.dtype, chunk: int, actions: int, about: Mapping[str, str]
 ) -> None:
@@ -95,7 +88,6 @@ def lay_out(
         "simulation_parameters": _texts(["dt"]),
     }
     file.attrs.update(own, n_trajectories=0)
-    file.attrs["digest"] = digest(dict(file.attrs))
     file.create_dataset("commits", data=np.int64(0)).attrs["units"] = "1"
     cloth, body = grid.shape, (bodies, 2, 3)
     shapes: dict[str, tuple[int, ...]] = {path: cloth for paths in CLOTH.values() for path in paths}

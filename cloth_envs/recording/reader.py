@@ -10,10 +10,11 @@ from typing import Any
 import h5py
 import numpy as np
 
+from cloth_envs.arguments import as_whole
 from cloth_envs.material import PROPERTIES, Material
 from cloth_envs.naming import counted
 from cloth_envs.recording.checked import CheckedFile
-from cloth_envs.recording.layout import CLOTH, LAYOUT_VERSION, PATHS, RESET, SEEDED, digest, scene_from_json
+from cloth_envs.recording.layout import CLOTH, LAYOUT_VERSION, PATHS, RESET, SEEDED, scene_from_json
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from cloth_envs.version import __version__
@@ -36,7 +37,7 @@ class Rollout(AbstractContextManager["Rollout"]):
 
     def __init__(self, file: CheckedFile) -> None:
         self._file = file
-        self.attributes: dict[str, Any] = file.read(_attributes)
+        self.attributes: dict[str, Any] = file.read(lambda inside: dict(inside.attrs))
         self._version = int(self.attributes["layout_version"])
         self.scene: Scene
         self.lengths: list[int]
@@ -76,9 +77,10 @@ class Rollout(AbstractContextManager["Rollout"]):
 
         Raises:
             FileNotFoundError: no such file.
+            OSError: it can't be opened or read: no permission, too many open files, a disk that fails.
             ValueError: not HDF5, cut short or damaged, not a rollout, or written by a newer package.
         """
-        if not Path(path).is_file():
+        if not os.path.isfile(path):
             raise FileNotFoundError(f"there is no file {path}: give the path of a rollout that RolloutWriter made")
         file = CheckedFile(Path(path))
         try:
@@ -97,11 +99,12 @@ class Rollout(AbstractContextManager["Rollout"]):
 
     def length(self, trajectory: int = 0) -> int:
         """Whole frames of one trajectory. Raises ValueError: no such trajectory."""
-        if not 0 <= trajectory < len(self.lengths):
+        number = as_whole(trajectory)
+        if number is None or not 0 <= number < len(self.lengths):
             raise ValueError(
-                f"there is no trajectory {trajectory}: the file holds {len(self.lengths)}, numbered from 0"
+                f"there is no trajectory {trajectory!r}: the file holds {len(self.lengths)}, numbered from 0"
             )
-        return self.lengths[trajectory]
+        return self.lengths[number]
 
     def actions(self, trajectory: int = 0) -> np.ndarray:
         """``(T, A)``; entry t led to frame t."""
@@ -149,9 +152,10 @@ class Rollout(AbstractContextManager["Rollout"]):
     def state(self, frame: int, trajectory: int = 0) -> State:
         """One frame, a batch of one. Raises ValueError: no such frame or trajectory."""
         length = self.length(trajectory)
-        if not 0 <= frame < length:
-            raise ValueError(f"there is no frame {frame}: trajectory {trajectory} holds {length}, numbered from 0")
-        return self._frames(trajectory, frame, frame + 1)
+        number = as_whole(frame)
+        if number is None or not 0 <= number < length:
+            raise ValueError(f"there is no frame {frame!r}: trajectory {trajectory} holds {length}, numbered from 0")
+        return self._frames(trajectory, number, number + 1)
 
     def states(self, trajectory: int = 0) -> Iterator[State]:
         """The frames of one trajectory in order, each a batch of one."""
@@ -159,6 +163,7 @@ class Rollout(AbstractContextManager["Rollout"]):
         for begin in range(0, length, BLOCK):
             block = self._frames(trajectory, begin, min(begin + BLOCK, length))
             for frame in range(block.batch):
+                self._file.check_open()
                 yield block.select([frame])
 
     def _frames(self, trajectory: int, begin: int, end: int) -> State:
@@ -186,10 +191,3 @@ class Rollout(AbstractContextManager["Rollout"]):
 
     def __exit__(self, *error: object) -> None:
         self.close()
-
-
-def _attributes(file: h5py.File) -> dict[str, Any]:
-    found = dict(file.attrs)
-    if int(found["layout_version"]) > 2 and found["digest"] != digest(found):
-        raise ValueError("its attributes are not those that were written")
-    return found

@@ -1,5 +1,6 @@
 """The open file of a ``RolloutWriter``: takes whole frames, and puts them onto the disk chunk by chunk."""
 
+import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -27,12 +28,12 @@ class Trajectories:
 
     Raises:
         FileExistsError: the file exists and ``overwrite`` is false.
-        OSError: it can't be written, or another writer has it open; it stays as it is.
+        OSError: it can't be written, or another program has it open; it stays as it is.
     """
 
     def __init__(self, path: Path, scene: Scene, actions: int, about: Mapping[str, str], *, overwrite: bool) -> None:
         self.path, self._scene, self._actions, self._about = path, scene, actions, about
-        if path.is_file() and not overwrite:
+        if os.path.isfile(path) and not overwrite:
             raise FileExistsError(f"{path} exists and stays as it is: choose another name or pass overwrite=True")
         self._target = final_path(path)
         self._place = self._target.with_name(self._target.name + ".part") if self._target.exists() else self._target
@@ -40,7 +41,7 @@ class Trajectories:
             if self._place != self._target:
                 with self._target.open("rb") as old:
                     lock(old)
-            self._image = Image(self._place, writer=True)
+            self._image = Image(self._place)
         except OSError as error:
             raise cannot_write(path, error) from error
         self._stored = self._kept = 0  # frames that HDF5 has, and those that are on the disk
@@ -163,16 +164,21 @@ class Trajectories:
     def _give_up(self, error: OSError) -> OSError:
         """Close without another word, remove a file that holds nothing. Returns what to raise."""
         self.open = False
+        there = False
+        with suppress(OSError):
+            there = self._image.there
         with suppress(OSError, RuntimeError, KeyError):
             if self._file is not None:
                 self._file.close()
         with suppress(OSError):
             self._image.close()
         beside = self._place != self._target
-        kept = f"{self.path} is as it was" if beside else ""
-        if (self._kept or (self._image.commits and not beside)) and self._place.exists():
+        kept = f"{self.path} is as it was" if beside and self.path.exists() else ""
+        if not (there and self._image.mine):
+            pass  # of another process, or gone
+        elif self._kept or (self._image.commits and not beside):
             kept = f"{self._place} keeps the {self._kept} frames flushed before" + (kept and f", {kept}")
-        elif self._image.mine:
+        else:
             with suppress(OSError):
                 self._place.unlink()
         return cannot_write(self.path, error, kept)

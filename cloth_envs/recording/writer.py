@@ -2,6 +2,7 @@
 
 import operator
 import os
+import sys
 import weakref
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -21,7 +22,8 @@ from cloth_envs.state import State
 class RolloutWriter(AbstractContextManager["RolloutWriter"]):
     """Writes trajectories of one scene; use it as a context manager, or call ``close()``.
 
-    What is forgotten is closed with the program. Where the disk fails, the frames written before stay readable.
+    What is forgotten is closed with the program; if its last frames can't be written then, stderr says so. Where the
+    disk fails, the frames written before stay readable.
 
     Args:
         path: the file, usually ``*.h5``.
@@ -31,7 +33,7 @@ class RolloutWriter(AbstractContextManager["RolloutWriter"]):
 
     Raises:
         FileExistsError: the file exists and ``overwrite`` is false; it is untouched.
-        OSError: the file can't be created there, or another writer has it open.
+        OSError: the file can't be created there, or another program has it open.
         ValueError: an environment of another package.
     """
 
@@ -51,7 +53,7 @@ class RolloutWriter(AbstractContextManager["RolloutWriter"]):
             about = spec_texts(source)
             actions = int(np.prod(source.unwrapped.action_space.shape or ()))
         self._file = Trajectories(self.path, self.scene, actions, about, overwrite=overwrite)
-        self._finish = weakref.finalize(self, self._file.close)
+        self._finish = weakref.finalize(self, _close_forgotten, self._file)
         self._begun = False
         self._next: dict[str, Any] | None = None  # a trajectory without frames so far
 
@@ -126,9 +128,18 @@ class RolloutWriter(AbstractContextManager["RolloutWriter"]):
             OSError: the file can't be written; says what is kept.
         """
         self._file.close()
+        self._finish.detach()
 
     def __exit__(self, *error: object) -> None:
         self.close()
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(f"what records to {self.path} can't be copied: copy the environment without its recorder")
+
+
+def _close_forgotten(file: Trajectories) -> None:
+    """Nobody is left to take an error: what it says goes to stderr."""
+    try:
+        file.close()
+    except OSError as error:
+        print(error, file=sys.stderr)

@@ -79,6 +79,11 @@ def close_spare() -> None:
 STUDIO = Studio(close_spare)
 
 
+def framed_by(starts: Sequence[State], member: int) -> list[np.ndarray]:
+    """All that framing depends on: copies of the cloths and bodies."""
+    return [part[member].copy() for start in starts for part in (start.positions, start.colliders)]
+
+
 @dataclass(eq=False)
 class Canvas:
     """One plotter, made with the first picture; its arguments are those of ``Renderer``."""
@@ -91,21 +96,22 @@ class Canvas:
     camera: Camera | None
     plotter: Any = None
     views: list[Any] = field(default_factory=list)
+    framed: list[np.ndarray] = field(default_factory=list)  # the cloths and bodies that the pictures are framed by
 
     @property
     def is_open(self) -> bool:
         """Whether there is a window."""
         return self.plotter is not None
 
-    def draw(self, states: Sequence[State], member: int) -> np.ndarray:
+    def draw(self, states: Sequence[State], starts: Sequence[State] | None, member: int) -> np.ndarray:
         """See ``Renderer.draw``."""
-        self._show(states, member)
+        self._show(states, starts, member)
         self.plotter.render()
         return np.array(self.plotter.screenshot(None, return_img=True)[..., :3])
 
-    def depth(self, state: State, member: int) -> np.ndarray:
+    def depth(self, states: Sequence[State], starts: Sequence[State] | None, member: int) -> np.ndarray:
         """See ``Renderer.depth``."""
-        self._show([state], member)
+        self._show(states, starts, member)
         from vtkmodules.vtkCommonCore import vtkFloatArray
 
         view, plotter = self.views[0], self.plotter
@@ -125,7 +131,7 @@ class Canvas:
     def close(self) -> None:
         """Free the plotter; calling it again does nothing."""
         if self.plotter is not None:
-            plotter, self.plotter, self.views = self.plotter, None, []
+            plotter, self.plotter, self.views, self.framed = self.plotter, None, [], []
             plotter.clear()
             close_spare()
             _spare[self._size(len(plotter.renderers))] = plotter
@@ -141,43 +147,56 @@ class Canvas:
     def _size(self, views: int) -> tuple[int, int, int]:
         return self.width, self.height, views
 
-    def _show(self, states: Sequence[State], member: int) -> None:
-        if self.plotter is None:
-            try:
-                self._build(states, member)
-            except BaseException:  # half of a picture serves nobody
-                if self.plotter is not None:
-                    self.plotter.close()
-                self.plotter, self.views = None, []
-                raise
+    def _show(self, states: Sequence[State], starts: Sequence[State] | None, member: int) -> None:
+        for view, start in zip(self.views, starts or (), strict=False):
+            view.check(start)
+        try:
+            if self.plotter is None:
+                self._build(starts or states, member)
+            elif starts:
+                self._frame(starts, member)
+        except BaseException:  # half of a picture serves nobody
+            if self.plotter is not None:
+                self.plotter.close()
+            self.plotter, self.views, self.framed = None, [], []
+            raise
         for view, state in zip(self.views, states, strict=True):
             view.update(state, member)
         for renderer in self.plotter.renderers:
             renderer.ResetCameraClippingRange()
 
-    def _build(self, states: Sequence[State], member: int) -> None:
+    def _frame(self, starts: Sequence[State], member: int) -> None:
+        if not all(map(np.array_equal, self.framed, framed_by(starts, member))):
+            box, camera = self._space([view.scene for view in self.views], starts, member)
+            for view, start in zip(self.views, starts, strict=True):
+                view.frame(start, member, box, camera)
+            self.framed = framed_by(starts, member)
+
+    def _space(self, scenes: Sequence[Scene], starts: Sequence[State], member: int) -> tuple[np.ndarray, Camera]:
+        """What may be occupied and the camera; see ``framing.together``."""
+        below, aspect = CAPTION_HEIGHT / self.height, self.width / len(starts) / self.height
+        box, camera = framing.together(scenes, starts, member, aspect, below if self.captions else 0.0)
+        return box, self.camera or camera
+
+    def _build(self, starts: Sequence[State], member: int) -> None:
         pv = import_pyvista()
         from cloth_envs.rendering.view import View
 
-        count = len(states)
+        count = len(starts)
         self.plotter, shown = empty_plotter(pv, self._size(count))
         plotter = self.plotter
-        scenes = [framing.at_resolution(self.scene, state.positions.shape[2:]) for state in states]
-        boxes = np.stack([framing.reach(scene, state, member) for scene, state in zip(scenes, states, strict=True)])
-        box = np.stack([boxes[:, 0].min(0), boxes[:, 1].max(0)])
-        corners = np.array(np.meshgrid(*box.T)).reshape(3, -1).T
-        towards, below = framing.direction(scenes[0], states[0], member), CAPTION_HEIGHT / self.height
-        aspect = self.width / count / self.height
-        camera = self.camera or framing.fit(corners, towards, aspect, below if self.captions else 0.0)
+        scenes = [framing.at_resolution(self.scene, start.positions.shape[2:]) for start in starts]
+        box, camera = self._space(scenes, starts, member)
         follow, strain = self.camera is None, self.strain_range
-        for index, (scene, state) in enumerate(zip(scenes, states, strict=True)):
+        for index, (scene, start) in enumerate(zip(scenes, starts, strict=True)):
             plotter.subplot(0, index)
-            self.views.append(View(pv, plotter, scene, state, member, box, camera, follow=follow, strain_range=strain))
+            self.views.append(View(pv, plotter, scene, start, member, box, camera, follow=follow, strain_range=strain))
             if self.captions:
                 plotter.add_text(self.captions[index], position="lower_edge", font_size=9, color=INK)
             look.smooth_edges(plotter.renderer)
         if strain is not None:
             mapper, wide = self.views[-1].sheet.actor.mapper, self.width / count
             plotter.add_scalar_bar("strain (%)\n", mapper=mapper, width=46 / wide, position_x=1 - 64 / wide, **look.BAR)
+        self.framed = framed_by(starts, member)
         if not shown:
             plotter.show(auto_close=False, interactive=False)

@@ -28,6 +28,11 @@ class Camera:
     up: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
 
+def towards(camera: Camera) -> np.ndarray:
+    """The way from what a camera looks at to where it stands, ``(3,)`` [m]."""
+    return np.subtract(camera.position, camera.focal_point)
+
+
 def support(scene: Scene) -> str:
     """How the cloth is held: ``pole``, ``rail``, ``frame``, ``belt``, ``pins`` or ``free``."""
     grid, handles = scene.grid, np.array(scene.handles, int)
@@ -131,6 +136,16 @@ def anchor(scene: Scene, state: State, member: int) -> np.ndarray:
         return state.positions[member].reshape(3, -1)[:, list(scene.handles)].mean(1).astype(float)
     bodies = [ends.mean(0) for body, ends in zip(scene.colliders, state.colliders[member], strict=True) if body.radius]
     return np.mean(bodies, 0).astype(float) if bodies else np.zeros(3)
+
+
+def together(
+    scenes: Sequence[Scene], states: Sequence[State], member: int, aspect: float, below: float
+) -> tuple[np.ndarray, Camera]:
+    """What all of them may occupy, ``(2, 3)`` [m] as in ``reach``, and the camera that shows it; see ``fit``."""
+    boxes = np.stack([reach(scene, state, member) for scene, state in zip(scenes, states, strict=True)])
+    box = np.stack([boxes[:, 0].min(0), boxes[:, 1].max(0)])
+    corners = np.array(np.meshgrid(*box.T)).reshape(3, -1).T
+    return box, fit(corners, direction(scenes[0], states[0], member), aspect, below)
 
 
 def fit(points: np.ndarray, towards: np.ndarray, aspect: float, below: float = 0.0) -> Camera:

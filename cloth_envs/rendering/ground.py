@@ -31,6 +31,21 @@ class Ground:
     """
 
     def __init__(self, pv: Any, plotter: Any, box: np.ndarray, view: np.ndarray) -> None:
+        self.pv = pv
+        self.plane, self.lines, self.floor = pv.PolyData(), pv.PolyData(), pv.PolyData()
+        self.lay(box, view)
+        self.image = pv.ImageData(dimensions=(CELLS, CELLS, 1))
+        self.image.point_data["rgba"] = np.zeros((CELLS * CELLS, 4), np.uint8)
+        self.image.set_active_scalars("rgba")
+        texture = pv.Texture(self.image)
+        texture.interpolate = True
+        self.actor = plotter.add_mesh(self.plane, texture=texture, lighting=False)
+        self.tiles = plotter.add_mesh(self.lines, scalars="rgba", rgb=True, lighting=False, line_width=1.2)
+        self.solid = plotter.add_mesh(self.floor, color=look.FLOOR)
+        self.solid.visibility = False
+
+    def lay(self, box: np.ndarray, view: np.ndarray) -> None:
+        """Put it under another box, lit for another camera."""
         self.height = float(box[0, 2])
         extent = float(np.linalg.norm((box[1] - box[0])[:2]) + (box[1] - box[0])[2])
         self.side = 2.2 * extent
@@ -38,27 +53,21 @@ class Ground:
         self.low = centre[:2] - self.side / 2
         right, towards, _ = look.level_axes(view)
         self.fall = look.SHADOW_TILT * (0.8 * right - 0.6 * towards)[:2]
-        self.image = pv.ImageData(dimensions=(CELLS, CELLS, 1))
-        self.image.point_data["rgba"] = np.zeros((CELLS * CELLS, 4), np.uint8)
-        self.image.set_active_scalars("rgba")
-        texture = pv.Texture(self.image)
-        texture.interpolate = True
         at = (*centre[:2], self.height)
-        plane = pv.Plane(center=at, i_size=self.side, j_size=self.side, i_resolution=1, j_resolution=1)
-        self.actor = plotter.add_mesh(plane, texture=texture, lighting=False)
+        self.plane.copy_from(self._square(at, self.side, 1))
+        self.floor.copy_from(self._square(at, 10 * extent, 1))
         radius = 3.0 * extent  # at which the lines have faded out
         count = 2 * int(np.ceil(radius / TILE))
-        middle, side = (*(np.rint(centre[:2] / TILE) * TILE), self.height), count * TILE
-        lines = pv.Plane(center=middle, i_size=side, j_size=side, i_resolution=count, j_resolution=count)
+        lines = self._square((*(np.rint(centre[:2] / TILE) * TILE), self.height), count * TILE, count)
         lines = lines.extract_all_edges()
         away = np.linalg.norm(lines.points - at, axis=1) / radius
         rgba = np.empty((lines.n_points, 4), np.uint8)
         rgba[:, :3], rgba[:, 3] = LINE, 255 * np.clip(1 - away, 0, 1) ** 2
         lines.point_data["rgba"] = rgba
-        self.tiles = plotter.add_mesh(lines, scalars="rgba", rgb=True, lighting=False, line_width=1.2)
-        floor = pv.Plane(center=at, i_size=10 * extent, j_size=10 * extent, i_resolution=1, j_resolution=1)
-        self.solid = plotter.add_mesh(floor, color=look.FLOOR)
-        self.solid.visibility = False
+        self.lines.copy_from(lines)
+
+    def _square(self, centre: tuple[float, float, float], side: float, cells: int) -> Any:
+        return self.pv.Plane(center=centre, i_size=side, j_size=side, i_resolution=cells, j_resolution=cells)
 
     def cast(self, points: np.ndarray, along: np.ndarray) -> None:
         """Show the shadow of ``points`` ``(N, 3)`` [m] on the square moved by ``along`` ``(3,)`` [m]."""

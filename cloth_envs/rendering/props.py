@@ -23,6 +23,11 @@ class Part:
     def __post_init__(self) -> None:
         self.rest = np.array(self.mesh.points, np.float32)
 
+    def become(self, other: "Part") -> None:
+        """Take the shape of another part that has the same owners."""
+        self.mesh.copy_from(other.mesh)
+        self.rest, self.along = other.rest, other.along
+
     def follow(self, moved: np.ndarray) -> None:
         """Move with the handles' displacements ``(N, 3)`` [m]."""
         shift = moved.mean(0) if self.owner is None else moved[self.owner]
@@ -134,12 +139,16 @@ class Capsule:
 class Arrow:
     """The wind, drawn over the ground under the cloth: along it, its length as the root of the speed."""
 
-    def __init__(self, pv: Any, plotter: Any, scene: Scene, foot: np.ndarray) -> None:
+    def __init__(self, pv: Any, plotter: Any, scene: Scene) -> None:
         self.fastest = max(scene.wind.max_speed if scene.wind else 0.0, 1e-9)
         self.length = 0.6 * max(scene.grid.width, scene.grid.height)
-        self.centre = foot + np.array([0.0, 0.0, 0.09 * self.length])
+        self.centre = np.zeros(3)
         mesh = pv.Arrow(tip_length=0.32, tip_radius=0.085, shaft_radius=0.03, tip_resolution=24, shaft_resolution=16)
         self.actor = plotter.add_mesh(mesh, color=look.ARROW, **look.SOLID)
+
+    def stand(self, foot: np.ndarray) -> None:
+        """Stay over the place ``(3,)`` [m] on the ground."""
+        self.centre = foot + np.array([0.0, 0.0, 0.09 * self.length])
 
     def blow(self, wind: np.ndarray, along: np.ndarray) -> None:
         """Point along ``wind`` ``(3,)`` [m/s], moved by ``along`` ``(3,)`` [m] over the ground; hidden in still air."""

@@ -1,7 +1,7 @@
 """``Renderer``: frames and depth images of a ``State``, offscreen, with one plotter for all of them."""
 
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -15,10 +15,10 @@ from cloth_envs.state import State
 class Renderer:
     """Draws states of one scene side by side, offscreen.
 
-    The first picture decides the camera, the ground and each view's resolution; later ones only move what
-    is there. The camera keeps its direction and goes along only when the handles (or, without handles, the
-    bodies) move further than a quarter of the cloth's size. Any thread may use it, several one after the other;
-    a renderer that is dropped gives back all it holds, as ``close`` does.
+    A picture depends on what it shows and on the start that it is framed by, not on the pictures before it. The start
+    decides where camera, ground and lights stand; the camera keeps its direction and goes along only when the handles
+    (or, without handles, the bodies) are further from there than a quarter of the cloth's size. Any thread may use a
+    renderer, several one after the other; one that is dropped gives back all it holds, as ``close`` does.
 
     Args:
         scene: what is drawn; a state may have another resolution than its grid.
@@ -58,8 +58,13 @@ class Renderer:
         self._canvas = Canvas(scene, self.width, self.height, captions, strain, camera)
         weakref.finalize(self, STUDIO.discard, self._canvas).atexit = False
 
-    def draw(self, states: State | Sequence[State], *, member: int = 0) -> np.ndarray:
+    def draw(
+        self, states: State | Sequence[State], *, start: State | Sequence[State] | None = None, member: int = 0
+    ) -> np.ndarray:
         """A picture ``(height, width, 3)`` uint8 of one member of each of ``views`` states.
+
+        ``start`` holds as many states, which this picture and those after it are framed by; without any, that is what
+        the first picture since ``close`` shows.
 
         Raises:
             ValueError: another number of states than views, another resolution than in the first picture,
@@ -67,24 +72,34 @@ class Renderer:
             ImportError: PyVista or EGL is missing; says what to install.
             RuntimeError: a process that can't draw, since it was forked or is ending; on macOS, a thread that can't.
         """
-        return STUDIO.run(self._canvas, partial(self._canvas.draw, self._checked(states, member), member))
+        return self._run(self._canvas.draw, states, start, member)
 
-    def depth(self, state: State, *, member: int = 0) -> np.ndarray:
+    def depth(self, state: State, *, start: State | None = None, member: int = 0) -> np.ndarray:
         """Distance [m] from the camera's plane ``(height, width)`` float32, ``inf`` where nothing is.
 
-        Measured along the camera's axis. The cloth, bodies, what holds the cloth and the ground count;
-        shadow, wind arrow and texts do not.
+        Measured along the camera's axis, framed as in ``draw``. The cloth, bodies, what holds the cloth and the ground
+        count; shadow, wind arrow and texts do not.
 
         Raises:
             ValueError: the renderer has more than one view, or what ``draw`` raises.
         """
         if self.views != 1:
             raise ValueError(f"depth needs a renderer with views=1, this one has {self.views}")
-        return STUDIO.run(self._canvas, partial(self._canvas.depth, self._checked(state, member)[0], member))
+        return self._run(self._canvas.depth, state, start, member)
 
     def close(self) -> None:
         """Free the plotter; calling it again does nothing."""
         STUDIO.close(self._canvas)
+
+    def _run(
+        self,
+        job: Callable[[list[State], list[State] | None, int], np.ndarray],
+        states: State | Sequence[State],
+        start: State | Sequence[State] | None,
+        member: int,
+    ) -> np.ndarray:
+        starts = None if start is None else self._checked(start, member)
+        return STUDIO.run(self._canvas, partial(job, self._checked(states, member), starts, member))
 
     def _checked(self, states: State | Sequence[State], member: int) -> list[State]:
         """As many as there are views, each finite and computed."""

@@ -1,4 +1,4 @@
-"""One view of a scene: adds its actors once, then only moves them."""
+"""One view of a scene: adds its actors once, then only moves and reshapes them."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ class View:
 
     Args:
         scene: what is drawn, on the grid of the states that will come.
-        state, member: what is drawn first; what holds the cloth is built around its handles.
+        start, member: what the pictures are framed by; what holds the cloth is built around its handles.
         box: low and high corner ``(2, 3)`` [m] of what may be occupied; its bottom is the ground.
         camera: where the camera stands.
         follow: the camera goes along with handles or bodies that move far.
@@ -31,7 +31,7 @@ class View:
         pv: Any,
         plotter: Any,
         scene: Scene,
-        state: State,
+        start: State,
         member: int,
         box: np.ndarray,
         camera: framing.Camera,
@@ -39,18 +39,15 @@ class View:
         follow: bool,
         strain_range: float | None,
     ) -> None:
-        self.scene, self.follow, self.place = scene, follow, camera
-        self.anchor = framing.anchor(scene, state, member)
+        self.pv, self.scene, self.follow = pv, scene, follow
         self.slack = framing.SLACK * max(scene.grid.width, scene.grid.height)
         self.camera = plotter.camera
-        self.camera.view_angle, self.camera.up = framing.VIEW_ANGLE, camera.up
-        view = np.subtract(camera.position, camera.focal_point)
+        self.camera.view_angle = framing.VIEW_ANGLE
         plotter.set_background(look.FLOOR, top=look.SKY)
-        for at, color, power in look.LIGHTS:  # around the vertical
-            place = tuple(np.array(at) @ look.level_axes(view))
-            light = pv.Light(position=place, focal_point=(0, 0, 0), color=color, intensity=power)
+        self.lights = [pv.Light(focal_point=(0, 0, 0), color=color, intensity=power) for _, color, power in look.LIGHTS]
+        for light in self.lights:
             plotter.add_light(light, only_active=True)
-        self.ground = Ground(pv, plotter, box, view)
+        self.ground = Ground(pv, plotter, box, framing.towards(camera))
         self.sheet = Sheet(pv, plotter, scene.grid, strain_range)
         inset = 0.0 if scene.particles is None else PARTICLES_DEPTH
         self.bodies = {
@@ -58,18 +55,50 @@ class View:
             for index, body in enumerate(scene.colliders)
             if body.kind != "plane"
         }
-        self.start = self._handles(state, member)
-        self.parts = fixtures(pv, scene, self.start, self.ground.height) if scene.handles else []
+        self.parts = self._fixtures(start, member)
         self.solids: list[Capsule | Part] = [*self.bodies.values(), *self.parts]
         for solid in self.solids:
             options = look.SOLID | solid.options
             plotter.add_mesh(solid.mesh, color=solid.color, **options).prop.interpolation = "Phong"
-        below = np.array([*state.positions[member, :2].mean((1, 2)), box[0, 2]])
-        self.arrow = None if scene.wind is None else Arrow(pv, plotter, scene, below)
+        self.arrow = None if scene.wind is None else Arrow(pv, plotter, scene)
         self.decoration = [self.ground.actor, self.ground.tiles] + ([self.arrow.actor] if self.arrow else [])
+        self._stand(start, member, camera)
 
     def _handles(self, state: State, member: int) -> np.ndarray:
         return state.positions[member].reshape(3, -1).T[list(self.scene.handles)].astype(np.float32)
+
+    def _fixtures(self, start: State, member: int) -> list[Part]:
+        handles = self._handles(start, member)
+        return fixtures(self.pv, self.scene, handles, self.ground.height) if self.scene.handles else []
+
+    def _stand(self, start: State, member: int, camera: framing.Camera) -> None:
+        """Set what everything moves from, and the lights around the vertical."""
+        self.place, self.camera.up = camera, camera.up
+        self.anchor, self.start = framing.anchor(self.scene, start, member), self._handles(start, member)
+        axes = look.level_axes(framing.towards(camera))
+        for light, (at, _, _) in zip(self.lights, look.LIGHTS, strict=True):
+            light.position = tuple(np.array(at) @ axes)
+        if self.arrow is not None:
+            self.arrow.stand(np.array([*start.positions[member, :2].mean((1, 2)), self.ground.height]))
+
+    def frame(self, start: State, member: int, box: np.ndarray, camera: framing.Camera) -> None:
+        """Go to another start; the arguments are those of the class."""
+        self.ground.lay(box, framing.towards(camera))
+        for part, other in zip(self.parts, self._fixtures(start, member), strict=True):
+            part.become(other)
+        self._stand(start, member, camera)
+
+    def check(self, state: State) -> None:
+        """Refuse another resolution than that of the actors.
+
+        Raises:
+            ValueError: the state has one.
+        """
+        if state.positions.shape[2:] != self.scene.grid.shape:
+            raise ValueError(
+                f"this view draws a grid of {self.scene.grid.shape}, got {state.positions.shape[2:]}; "
+                "make another Renderer for another resolution"
+            )
 
     def update(self, state: State, member: int) -> None:
         """Move everything to one member of ``state``.
@@ -77,11 +106,7 @@ class View:
         Raises:
             ValueError: the state has another resolution than the first one.
         """
-        if state.positions.shape[2:] != self.scene.grid.shape:
-            raise ValueError(
-                f"this view draws a grid of {self.scene.grid.shape}, got {state.positions.shape[2:]}; "
-                "make another Renderer for another resolution"
-            )
+        self.check(state)
         positions = state.positions[member].astype(np.float32)
         self.sheet.move(positions)
         for index, body in self.bodies.items():

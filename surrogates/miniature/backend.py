@@ -3,26 +3,13 @@
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from cloth_envs.arguments import as_whole, one_of, true_or_false
-from cloth_envs.grid import Grid
 from cloth_envs.scene import Scene
-from surrogates.checkpoint import of_factor
-from surrogates.miniature.closure import card
-from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
+from surrogates.miniature.choice import choose
+from surrogates.miniature.coarse import CoarsePhysics
 from surrogates.miniature.correction import Correction, shipped
 from surrogates.miniature.upscaled import Upscaled
-from surrogates.upscale.local import weights_name
 from surrogates.upscale.protocol import make_upscaler
-
-OBLONG = 1.5
-
-
-def _square(grid: Grid, factor: int) -> bool:
-    """Whether the cells of a grid and of its coarse one are about as long as wide, as in training."""
-    ratios = [np.log(g.row_spacing / g.col_spacing) for g in (grid, coarse_grid(grid, factor))]
-    return bool(np.abs(ratios).max() <= np.log(OBLONG))
 
 
 class MiniatureBackend(Upscaled):
@@ -34,8 +21,9 @@ class MiniatureBackend(Upscaled):
         scaling: ``"similar"`` (the sheet's own material), ``"seed"`` (the paper's spring constants, ``factor^2``
             times too stiff), ``"calibrated"`` (factors fitted per scene), ``"closure"`` (those and a law of springs
             in compression, fitted too). With neither this nor an upscaler given, ``"closure"`` and ``"local"`` where
-            both are shipped for the scene (``"bicubic"`` on cells over ``OBLONG`` times longer than wide, which the
-            networks have not seen), else, and if only one is given, ``"similar"`` and ``"bicubic"``.
+            both are shipped for the scene, else, and if only one is given, ``"similar"`` and ``"bicubic"``. Small and
+            thin cloths, which would tear with ``"local"``, are then interpolated linearly from at least 6 coarse cells
+            along each side (``choice``).
         factors: of a calibration of your own, ``{material property: multiplier}``, instead of the shipped ones.
         upscaler: an interpolation, ``"bilinear"``, ``"biquadratic"`` or ``"bicubic"``, a network by name, or
             ``"module:Class"``.
@@ -71,14 +59,15 @@ class MiniatureBackend(Upscaled):
         for name, options in {"factors": factors, "solver_kwargs": solver_kwargs}.items():
             if options is not None and not isinstance(options, Mapping):
                 raise ValueError(f"{name} must be a dict, got {options!r}")
-        fitted = scene.name in card("closure")["scenes"] and of_factor(weights_name("local", scene.name), factor)
-        if scaling is None and upscaler is None and solver == "explicit" and fitted:
-            scaling, upscaler = "closure", "local" if _square(scene.grid, factor) else "bicubic"
+        least = 2
+        if scaling is None and upscaler is None and solver == "explicit":
+            scaling, upscaler, least = choose(scene, factor)
         self.factor, self.scaling, self.upscaler = factor, scaling or "similar", upscaler or "bicubic"
         coarse = CoarsePhysics(
             scene,
             num_envs=num_envs,
             factor=factor,
+            least=least,
             scaling=self.scaling,
             factors=factors,
             solver=solver,
@@ -87,6 +76,9 @@ class MiniatureBackend(Upscaled):
         if correction is not None:
             one_of("correction", correction, ["learned"])
             if self.scaling != "closure":
-                raise ValueError(f'correction={correction!r} was trained on scaling="closure", got {self.scaling!r}')
+                wanted = 'scaling="closure"'
+                raise ValueError(
+                    f"correction={correction!r} was trained on {wanted}, got {self.scaling!r}: pass {wanted}"
+                )
             coarse.correct(Correction(coarse.scene, shipped(scene.name, factor)))
         super().__init__(coarse, make_upscaler(self.upscaler, coarse.scene, scene, factor), guard=guard)

@@ -21,18 +21,19 @@ from surrogates.miniature.handles import Handles
 CLOTH = ("positions", "velocities")
 
 
-def coarse_grid(grid: Grid, factor: float) -> Grid:
+def coarse_grid(grid: Grid, factor: float, least: int = 2) -> Grid:
     """The same sheet with about ``factor`` times fewer cells along each side.
 
-    Where ``factor`` divides the cells, every vertex of it is a vertex of ``grid``.
+    Where ``factor`` divides the cells, every vertex of it is a vertex of ``grid``. Along each side ``least`` cells are
+    kept, or all where there are fewer.
     """
-    rows, cols = (max(2, round(cells / factor)) for cells in grid.cells)
+    rows, cols = (max(min(cells, least), round(cells / factor)) for cells in grid.cells)
     return replace(grid, rows=rows + 1, cols=max(3, cols if grid.periodic else cols + 1))
 
 
-def coarse_scene(scene: Scene, factor: float, material: Material) -> tuple[Scene, Handles]:
+def coarse_scene(scene: Scene, factor: float, material: Material, least: int = 2) -> tuple[Scene, Handles]:
     """``scene`` on ``coarse_grid`` with ``material``, and how its handles follow those of ``scene``."""
-    grid = coarse_grid(scene.grid, factor)
+    grid = coarse_grid(scene.grid, factor, least)
     handles = Handles.of(scene.grid, grid, scene.handles)
     return replace(scene, grid=grid, handles=handles.vertices, material=material), handles
 
@@ -56,7 +57,7 @@ class CoarsePhysics:
 
     Args:
         fine: the scene at full resolution. num_envs: members of the batch.
-        factor: how many times fewer cells along each side, above 1.
+        factor, least: how many times fewer cells along each side, above 1, and how many are kept: ``coarse_grid``.
         scaling, factors: of the sheet's material, see ``closure``.
         solver, options: of the coarse cloth, as for ``backend="reference"``.
 
@@ -76,6 +77,7 @@ class CoarsePhysics:
         *,
         num_envs: int = 1,
         factor: float = 2,
+        least: int = 2,
         scaling: str = "similar",
         factors: Mapping[str, float] | None = None,
         solver: str = "explicit",
@@ -88,7 +90,7 @@ class CoarsePhysics:
                 raise ValueError(f'factors need scaling="calibrated" or "closure", got scaling={scaling!r}')
             factors = {}
         self._factors = load_factors(fine.name, factor, scaling) if factors is None else _numbers(factors)
-        self.scene, self.handles = coarse_scene(fine, factor, self.material(fine.material))
+        self.scene, self.handles = coarse_scene(fine, factor, self.material(fine.material), least)
         self.solver = reference(self.scene, num_envs=num_envs, solver=solver, **(options or {}))
         self.frames = 1
         self.history: list[State] = []

@@ -10,6 +10,7 @@ from cloth_envs.grid import Grid
 from cloth_envs.state import Controls
 
 ROUNDING = 1e-5  # m or m/s, of upscaling in float32
+MIDWAY = 0.6  # coarse cells
 CORNERS = np.array([[0, 0], [0, 1], [1, 0], [1, 1]])
 
 
@@ -28,16 +29,20 @@ class Handles(NamedTuple):
 
     @classmethod
     def of(cls, fine: Grid, coarse: Grid, handles: tuple[int, ...]) -> "Handles":
-        """Coarse vertices within a quarter of a cell of a handle, and the nearest ones to handles that have none."""
+        """Coarse vertices within a quarter of a cell of a handle, and those nearest to handles that have none.
+
+        About midway between vertices a handle drives all of them: one would not keep it where it is driven.
+        """
         ratio = np.divide(coarse.cells, fine.cells)
         place = np.stack(np.divmod(np.array(handles, np.intp), fine.cols), 1) * ratio  # in coarse cells
         nearest = np.floor(place + 0.5).astype(int)
         distance = np.abs(place - nearest).max(1)
         driven: dict[tuple[int, int], int] = {}
         for k in np.argsort(distance, kind="stable").tolist():
-            around = [tuple(corner) for corner in (np.floor(place[k]) + CORNERS).astype(int).tolist()]
-            if distance[k] < 0.25 or not any(corner in driven for corner in around):
-                driven.setdefault(tuple(nearest[k]), k)
+            around = np.floor(place[k]).astype(int) + CORNERS
+            if distance[k] < 0.25 or not any(tuple(corner) in driven for corner in around.tolist()):
+                for corner in around[np.abs(around - place[k]).max(1) < MIDWAY].tolist():
+                    driven.setdefault(tuple(corner), k)
         vertices = tuple(row * coarse.cols + col % coarse.cols for row, col in driven)
         follows = np.array(list(driven.values()), np.int32)
         all_places = np.stack(np.divmod(np.arange(fine.vertices), fine.cols), 1) * ratio

@@ -8,38 +8,12 @@ import numpy as np
 
 from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
-from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet
+from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet, stiffness_bound
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
 MAX_SUBSTEPS = 20_000  # per frame
 SAFETY = 0.9
-
-
-def stiffness_bound(scene: Scene, material: Material) -> tuple[float, float]:
-    """Upper bounds on the eigenvalues of ``M^-1 K`` for springs and for bending [1/s^2].
-
-    A spring's Hessian never exceeds its stiffness times the identity, however the cloth is folded or
-    stretched, so the scalar graph Laplacian bounds every configuration. Its largest eigenvalue is at
-    most the largest of any one cell's with that cell's lumped masses (Irons & Treharne 1971); all
-    cells of a grid are equal, and a 4 x 4 problem remains. Bending along one direction has symbol
-    ``gb (2 - 2 cos)^2 <= 16 gb``.
-    """
-    g = scene.grid
-    a, b = g.row_spacing, g.col_spacing
-    along, down = material.stretch_stiffness * a / b / 2, material.stretch_stiffness * b / a / 2
-    shear = material.shear_stiffness * (a * a + b * b) / (2 * a * b)
-    laplacian = np.zeros((4, 4))
-    edges = [(0, 1, along), (2, 3, along), (0, 2, down), (1, 3, down), (0, 3, shear), (1, 2, shear)]
-    for i, j, k in edges:
-        laplacian[i, i] += k
-        laplacian[j, j] += k
-        laplacian[i, j] -= k
-        laplacian[j, i] -= k
-    quarter = material.areal_density * a * b / 4
-    springs = float(np.linalg.eigvalsh(laplacian)[-1]) / quarter
-    bending = 16 * material.bend_stiffness * (a**-4 + b**-4) / material.areal_density
-    return springs, bending
 
 
 @lru_cache(maxsize=1024)  # an environment asks before it sets a material

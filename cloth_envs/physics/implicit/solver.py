@@ -9,7 +9,7 @@ import numpy as np
 from cloth_envs.arguments import as_number, one_of, whole_number
 from cloth_envs.material import Material
 from cloth_envs.physics.implicit.step import GAMMA, Drive, ImplicitStep
-from cloth_envs.physics.solver import Solver, kernel_sheet
+from cloth_envs.physics.solver import Solver, check_condition, kernel_sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -78,6 +78,10 @@ class ImplicitSolver(Solver):
         self._potential, self._contact = kernels.Potential(sheet), kernels.Contact(sheet, SLACK * scene.thickness)
         self._steps: dict[int, ImplicitStep] = {}
         self.iterations, self.residual = np.zeros(num_envs, np.int64), np.zeros(num_envs)
+
+    def check_material(self, material: Material) -> None:
+        super().check_material(material)
+        check_condition(self.scene, material, self.scene.frame_dt / self._options["substeps"], np.dtype(np.float64))
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         for i, material in zip(which, materials, strict=True):

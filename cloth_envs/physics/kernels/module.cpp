@@ -8,6 +8,7 @@
 NB_MODULE(_minicloth_kernels, m) {
   using namespace minicloth;
   if (_import_array() < 0) nanobind::raise_python_error();
+  nanobind::set_leak_warnings(false);  // at the end of a process whose threads still run, objects are left
   m.doc() = "Compiled loops of MiniCloth.";
   bind_sheet(m);
   bind_explicit(m);
