@@ -35,7 +35,8 @@ def write(data: Path, images: Path, out: Path) -> str:
     check_file(out, suffixes=(".html",))
     if not data.is_dir():
         raise FileNotFoundError(
-            f"there is no folder {data}: run `minicloth bench NAME --quick --out {data}` first, or choose another --data"
+            f"there is no folder {data}: run `minicloth bench NAME --quick --out {data}` first, or choose another "
+            "--data"
         )
     if not images.is_dir():
         raise FileNotFoundError(f"there is no folder {images}: choose another --images, or leave it out")
