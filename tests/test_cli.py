@@ -262,7 +262,7 @@ def test_labels_keep_their_distance() -> None:
             ["compare", "Flag", "--backend", 'cnn@9x13={"factor": 4}'],
             """write --backend 'miniature={"factor": 4}'""",
         ),
-        (["report", "--data", "none", "--out", "a.html"], "there is no folder none: choose another --data"),
+        (["report", "--data", "none", "--out", "a.html"], "there is no folder none: run `minicloth bench NAME"),
         (["report", "--data", ".", "--images", "none", "--out", "a.html"], "choose another --images"),
     ],
 )

@@ -33,9 +33,13 @@ def write(data: Path, images: Path, out: Path) -> str:
         OSError: a folder is not there, or ``out`` can't be written.
     """
     check_file(out, suffixes=(".html",))
-    for option, folder in {"--data": data, "--images": images}.items():
-        if not folder.is_dir():
-            raise FileNotFoundError(f"there is no folder {folder}: choose another {option}")
+    if not data.is_dir():
+        raise FileNotFoundError(
+            f"there is no folder {data}: run `minicloth bench NAME --quick --out {data}` first, or choose another "
+            "--data"
+        )
+    if not images.is_dir():
+        raise FileNotFoundError(f"there is no folder {images}: choose another --images, or leave it out")
     announce(f"rows of {', '.join(BENCHMARKS)} in {data} and charts in {images} become one page, {out}")
     sections, missing = {}, []
     for name in BENCHMARKS:
