@@ -61,8 +61,11 @@ def final_path(path: str | Path) -> Path:
 
 
 @contextmanager
-def replacing(path: str | Path) -> Iterator[Path]:
+def replacing(path: str | Path, *, suffix: bool = True) -> Iterator[Path]:
     """A path beside ``path`` to write to; what is there when the block ends takes the place of ``path``.
+
+    It ends in the ``suffix`` of ``path`` where a library tells the format by that, otherwise in ``.part``: what a
+    killed process leaves is taken for no file of the kind then.
 
     Whatever fails in between, ``path`` stays as it was and nothing is left beside it.
 
@@ -70,7 +73,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
         OSError: it can't be written; names ``path`` and says why.
     """
     target = final_path(path)
-    part = target.with_name(f"{target.stem}.{os.getpid()}.part{target.suffix}")
+    part = target.with_name(f"{target.name}.{os.getpid()}.part{target.suffix if suffix else ''}")
     try:
         yield part
         with part.open("r+b") as file:
@@ -100,7 +103,7 @@ def why_cut(part: Path, otherwise: str) -> OSError:
 
 def write_bytes(path: str | Path, data: bytes) -> None:
     """``data`` in place of what is there. Raises OSError: it can't be written; the old file stays."""
-    with replacing(path) as part:
+    with replacing(path, suffix=False) as part:
         part.write_bytes(data)
 
 
@@ -116,16 +119,17 @@ def first_line(error: Exception) -> str:
 
 @contextmanager
 def reading(path: str | Path, remedy: str) -> Iterator[None]:
-    """Whatever reading a damaged file raises becomes an error that names it; one that can't be opened stays as it is.
+    """Whatever reading a damaged file raises becomes an error that names it.
 
     Raises:
+        OSError: as it is: what the system says of a file that it can't open, or of a disk that it can't read.
         ValueError: names ``path`` and the ``remedy``.
     """
     try:
         yield
-    except (FileNotFoundError, PermissionError, IsADirectoryError):
-        raise
     except Exception as error:
+        if isinstance(error, OSError) and error.errno not in (None, errno.EINVAL):  # those come of what is in it
+            raise
         raise ValueError(f"{path} is damaged ({first_line(error)}): {remedy}") from error
 
 

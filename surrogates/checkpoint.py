@@ -1,4 +1,7 @@
-"""Weights with their card: ``<name>.safetensors`` and ``<name>.json`` beside it, which holds the checksum."""
+"""Weights with their card: ``<name>.safetensors`` holds both, and ``<name>.json`` beside it a copy of the card to read.
+
+The card's ``sha256`` is that of the whole file of weights, where it stands as ``BLANK``.
+"""
 
 import hashlib
 import json
@@ -11,10 +14,11 @@ import numpy as np
 from safetensors.numpy import load as parse
 from safetensors.numpy import save as serialise
 
-from cloth_envs.files import check_folder, read_json, replacing, write_text
+from cloth_envs.files import check_folder, reading, write_bytes, write_text
 from cloth_envs.naming import unknown_name
 
 WEIGHTS = Path(__file__).parent / "weights"
+BLANK = 64 * "0"
 
 
 class Checkpoint(NamedTuple):
@@ -25,7 +29,7 @@ class Checkpoint(NamedTuple):
 
 
 def save(name: str, arrays: Mapping[str, np.ndarray], card: Mapping[str, Any], folder: Path = WEIGHTS) -> Path:
-    """Write weights and card; the old ones are replaced only when the new ones are whole on disk.
+    """Write weights and card as one file, which is replaced only when the new one is whole on disk, and the copy.
 
     Returns:
         The path of the weights.
@@ -35,34 +39,36 @@ def save(name: str, arrays: Mapping[str, np.ndarray], card: Mapping[str, Any], f
     """
     check_folder(folder)
     path = folder / f"{name}.safetensors"
-    data = serialise({key: np.ascontiguousarray(value) for key, value in arrays.items()})
-    text = json.dumps({"sha256": hashlib.sha256(data).hexdigest(), **card}, indent=1) + "\n"
-    with replacing(path) as weights:
-        weights.write_bytes(data)
-        write_text(path.with_suffix(".json"), text)
+    text = json.dumps({"sha256": BLANK} | dict(card) | {"sha256": BLANK}, indent=1) + "\n"
+    data = serialise({key: np.ascontiguousarray(value) for key, value in arrays.items()}, {"card": text})
+    own = hashlib.sha256(data).hexdigest()
+    write_bytes(path, data.replace(BLANK.encode(), own.encode(), 1))
+    write_text(path.with_suffix(".json"), text.replace(BLANK, own))
+    load.cache_clear()
     return path
 
 
 @cache
 def load(name: str, folder: Path = WEIGHTS) -> Checkpoint:
-    """The weights ``name`` and their card, read once.
+    """The weights ``name`` and their card, read once until others are saved.
 
     Raises:
-        ValueError: there are none of this name (the nearest match is named), they are not those of the card, or the
-            card is damaged.
+        ValueError: there are none of this name (the nearest match is named), or they or the card in them are damaged.
     """
     path = folder / f"{name}.safetensors"
     if not path.is_file():
         raise unknown_name("weights", name, sorted(p.stem for p in folder.glob("*.safetensors")))
-    beside = path.with_suffix(".json")
-    card = read_json(beside, "sha256", remedy="restore it beside its weights, or train them anew")
-    data = path.read_bytes()
-    if hashlib.sha256(data).hexdigest() != card["sha256"]:
-        raise ValueError(
-            f"{path} does not have the checksum of its card: it was changed or cut off; "
-            "restore both files, or train it anew"
-        )
-    return Checkpoint(parse(data), card)
+    with reading(path, "restore it, or train it anew"):
+        data = path.read_bytes()
+        length = 8 + int.from_bytes(data[:8], "little")
+        text = json.loads(data[8:length]).get("__metadata__", {}).get("card")
+        if text is None:
+            raise ValueError("there is no card in it")
+        card: dict[str, Any] = json.loads(text)
+        own = str(card["sha256"])
+        if hashlib.sha256(data.replace(own.encode(), BLANK.encode(), 1)).hexdigest() != own:
+            raise ValueError("it does not have its checksum")
+        return Checkpoint(parse(data), card)
 
 
 def of_factor(name: str, factor: int) -> dict[str, np.ndarray]:
@@ -76,7 +82,7 @@ def written(name: str, folder: Path) -> Checkpoint:
     """All arrays of such a checkpoint in ``folder``, read anew, and what its card says of every factor."""
     if not (folder / f"{name}.safetensors").is_file():
         return Checkpoint({}, {})
-    load.cache_clear()
+    load.cache_clear()  # another process may have written it
     arrays, card = load(name, folder)
     return Checkpoint(dict(arrays), dict(card["factors"]))
 

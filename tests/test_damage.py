@@ -14,11 +14,12 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from safetensors.numpy import save as serialise
 
 from cloth_envs.recording import RecordRollout, Rollout
 from surrogates import checkpoint
 from training.cache import cached_arrays
-from training.generate import Plan, generate, write_shard
+from training.generate import Plan, write_shard
 from training.rows import read_rows, write_rows
 from training.upscaler.data import data_hash, read
 
@@ -131,21 +132,15 @@ def test_damaged_rows_weights_and_arrays(tmp_path: Path) -> None:
         found = attempt(lambda: cached_arrays(path, dict), path)
         for name, array in arrays.items() if found is not None else ():
             assert found[name].tobytes() == array.tobytes()
-    checkpoint.save("w", arrays, {"factors": {}}, tmp_path)
-    whole = {suffix: (tmp_path / f"w{suffix}").read_bytes() for suffix in (".safetensors", ".json")}
-    for content in damaged(whole[".safetensors"], 40, seed=2):
-        (tmp_path / "w.safetensors").write_bytes(content)
+    checkpoint.save("w", arrays, {"factors": {"2": 0.125}, "seed": 1}, tmp_path)
+    content = (tmp_path / "w.safetensors").read_bytes()
+    card = content.index(b"seed")
+    flips = [content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :] for at in range(card - 60, card + 10)]
+    for copy in (*damaged(content, 90, seed=2), *flips, b"", b"[]", 8 * b"\0", serialise(arrays)):
+        (tmp_path / "w.safetensors").write_bytes(copy)
         checkpoint.load.cache_clear()
-        with pytest.raises(ValueError, match=r"w\.safetensors does not have the checksum"):
+        with pytest.raises(ValueError, match=r"w\.safetensors is damaged .*restore it"):
             checkpoint.load("w", tmp_path)
-    (tmp_path / "w.safetensors").write_bytes(whole[".safetensors"])
-    for content in (b"", b"[]", b"{}", b"\xff", b"null", whole[".json"][:40]):
-        (tmp_path / "w.json").write_bytes(content)
-        with pytest.raises(ValueError, match=r"w\.json is damaged .*restore it"):
-            checkpoint.load("w", tmp_path)
-    (tmp_path / "w.json").unlink()
-    with pytest.raises(FileNotFoundError, match=r"w\.json"):
-        checkpoint.load("w", tmp_path)
 
 
 def test_a_damaged_training(tmp_path: Path) -> None:
@@ -169,8 +164,9 @@ def test_a_damaged_data_set(tmp_path: Path) -> None:
     plan = Plan("Flag", frames=5, window=5, factors=(2,))
     write_shard(plan, tmp_path, 0)
     path = tmp_path / "00000.h5"
-    truth, told = read(path, 2), 0
-    for content in damaged(path.read_bytes(), 90, seed=4):
+    truth, told, whole = read(path, 2), 0, path.read_bytes()
+    zeroed = [whole[:at] + bytes(512) + whole[at + 512 :] for at in (*range(0, 20_000, 512), len(whole) - 512)]
+    for content in (*damaged(whole, 90, seed=4), *zeroed):
         path.write_bytes(content)
         found = attempt(lambda: read(path, 2), path)
         told += found is None
@@ -178,9 +174,8 @@ def test_a_damaged_data_set(tmp_path: Path) -> None:
             assert np.array_equal(getattr(found, name), value)
     assert told > 30
     path.write_bytes(b"nothing")
-    for look in (lambda: data_hash([path]), lambda: generate(plan, tmp_path, 1)):
-        with pytest.raises(ValueError, match=r"00000\.h5 is damaged .*minicloth generate"):
-            look()
+    with pytest.raises(ValueError, match=r"00000\.h5 is damaged .*minicloth generate"):
+        data_hash([path])
 
 
 def test_what_is_closed_or_open_to_nobody(tmp_path: Path) -> None:

@@ -272,3 +272,22 @@ def test_all_other_writers(tmp_path: Path) -> None:
     assert len(lines) == 7
     assert left == "[]"
     assert "Traceback" not in done.stderr
+
+
+IMAGES = """
+import resource, signal, sys
+from cloth_envs.commands.cli import main
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
+sys.exit(main(["rollout", "Flag", "--resolution", "9x13", "--frames", "2", "--images", sys.argv[1]]))
+"""
+
+
+def test_images_on_a_disk_that_takes_nothing(tmp_path: Path) -> None:
+    """imageio told of it once more, in a traceback, when its writer was dropped."""
+    pytest.importorskip("pyvista")
+    done = subprocess.run([sys.executable, "-c", IMAGES, str(tmp_path)], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "frame_00000.png (File too large): free some space" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert os.listdir(tmp_path) == []

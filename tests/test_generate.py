@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,22 @@ def test_a_killed_writer_leaves_whole_shards_and_the_next_one_goes_on(
     monkeypatch.setattr(Flag2019, "options", {**Flag2019.options, "bending": 0.0})  # the paper is read otherwise
     with pytest.raises(ValueError, match="data of another plan"):
         generate(PLAN, tmp_path, 4)
+
+
+def test_damaged_shards_are_made_again(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Not only the first one is looked at, and what a killed process left is no shard."""
+    copied = [shutil.copy(folder / f"0000{k}.h5", tmp_path) for k in range(5)]
+    whole = Path(copied[1]).read_bytes()
+    for k, content in ((1, b""), (2, whole[:5000]), (3, bytes(len(whole)))):
+        Path(copied[k]).write_bytes(content)
+    for left in ("00001.77.part.h5", "00001.h5.77.part", "notes.h5"):
+        (tmp_path / left).write_bytes(b"half")
+    assert generate(PLAN, tmp_path, 5) == 3
+    said = capsys.readouterr().err
+    assert [f"0000{k}.h5 is damaged: it is made again" in said for k in range(5)] == [False, True, True, True, False]
+    assert data_hash([Path(path) for path in copied]) == data_hash(sorted(folder.glob("*.h5"))[:5])
+    assert not (tmp_path / "00001.h5.77.part").exists()
+    assert [path.name for path in shards(tmp_path, held_out=True)] == ["00004.h5"]
 
 
 def test_processes_write_what_one_process_writes(folder: Path, tmp_path: Path) -> None:

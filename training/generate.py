@@ -9,7 +9,7 @@ import hashlib
 import json
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass
 from functools import partial
 from io import BytesIO
@@ -25,6 +25,8 @@ from cloth_envs.grid import Grid
 from cloth_envs.parsing import Parser
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.progress import announce, progress
+from cloth_envs.recording.pages import sealed
+from cloth_envs.recording.stored import StoredFile
 from cloth_envs.scenes.task import Task
 from cloth_envs.state import State
 from cloth_envs.world import World
@@ -131,13 +133,46 @@ def write_shard(plan: Plan, folder: Path, index: int) -> None:
     run = simulate(task_of(plan.scene, plan.preset, own), plan.preset, rng, plan.frames, own.push)
     positions = np.concatenate([state.positions for state in run.states.values()])
     content = BytesIO()  # HDF5 can't stand a full disk
-    with h5py.File(content, "w", libver="latest") as file:
+    with h5py.File(content, "w", libver=("v108", "v108")) as file:
         arrays = {"positions": positions} | {f"real/{n}": miniature_runs(plan, run, n) for n in plan.factors}
         for name, array in arrays.items():
             file.create_dataset(name, data=array, chunks=array.shape, fletcher32=True)
         sha256 = hashlib.sha256(positions.tobytes()).hexdigest()
         file.attrs.update(plan=plan.text(), index=index, sha256=sha256, **asdict(own))
-    write_bytes(path, content.getvalue())
+    for left in folder.glob(f"{path.name}.*.part"):  # by a process that was killed
+        left.unlink()
+    write_bytes(path, sealed(content.getvalue()))
+
+
+@contextmanager
+def open_shard(path: Path) -> Iterator[h5py.File]:
+    """A shard to read, every byte of which has its checksum. Raises ValueError: damaged, OSError: it can't be read."""
+    with reading(path, REMEDY), StoredFile(path) as disk, h5py.File(disk, "r") as file:
+        yield file
+
+
+def shard_files(folder: Path) -> list[Path]:
+    """The shards of a folder in order, and no other files that may be there."""
+    return sorted(path for path in folder.glob("*.h5") if path.stem.isdecimal())
+
+
+def missing(plan: Plan, folder: Path, count: int) -> list[int]:
+    """Which of the first ``count`` trajectories are not there, or so damaged that they don't say what they are.
+
+    Raises:
+        ValueError: the folder holds data of another plan.
+    """
+    whole = set()
+    for path in shard_files(folder):
+        try:
+            with open_shard(path) as file:
+                found = file.attrs["plan"]
+        except ValueError:
+            continue
+        if found != plan.text():
+            raise ValueError(f"{folder} holds data of another plan: choose another --out, or remove it")
+        whole.add(int(path.stem))
+    return [k for k in range(count) if k not in whole]
 
 
 def generate(plan: Plan, folder: Path, count: int, workers: int = 1) -> int:
@@ -147,12 +182,10 @@ def generate(plan: Plan, folder: Path, count: int, workers: int = 1) -> int:
         ValueError: the folder holds data of another plan, or the teacher failed.
     """
     check_folder(folder)
-    for path in sorted(folder.glob("*.h5"))[:1]:
-        with reading(path, REMEDY), h5py.File(path) as file:
-            found = file.attrs["plan"]
-        if found != plan.text():
-            raise ValueError(f"{folder} holds data of another plan: choose another --out, or remove it")
-    wanted = [k for k in range(count) if not (folder / f"{k:05d}.h5").is_file()]
+    wanted = missing(plan, folder, count)
+    for path in (folder / f"{k:05d}.h5" for k in wanted):
+        if path.exists():
+            announce(f"{path} is damaged: it is made again")
     job = partial(write_shard, plan, folder)
     with get_context("spawn").Pool(workers) if min(workers, len(wanted)) > 1 else nullcontext() as pool:
         written = pool.imap_unordered(job, wanted) if pool else map(job, wanted)
@@ -189,7 +222,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     folder = options.out or data_folder(options.scene, options.preset)
     grid = cls.make_scene(resolution=cls.resolution, material=cls.material).grid
     pairs = (grid.rows - 2) * (grid.cols - 2) * options.frames * options.trajectories
-    there = sum((folder / f"{k:05d}.h5").is_file() for k in range(options.trajectories))
+    there = options.trajectories - len(missing(plan, folder, options.trajectories))
     announce(
         f"{options.scene}, preset {options.preset}: {options.trajectories} trajectories of {options.frames} frames, "
         f"{there} of them there already; {pairs:,} pairs at factor 2, about "

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from io import BytesIO
 from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 
 from cloth_envs.extras import install
-from cloth_envs.files import check_file, check_folder, replacing, why_cut
+from cloth_envs.files import check_file, check_folder, replacing, why_cut, write_bytes
 from cloth_envs.progress import progress
 from cloth_envs.rendering import Camera, Renderer, framing
 from cloth_envs.rendering.canvas import import_pyvista
@@ -114,8 +115,16 @@ def write_pictures(
             if add is not None:
                 add(picture)
             if images is not None:
-                with replacing(Path(images) / f"frame_{number:05d}.png") as part:
-                    import_imageio().imwrite(part, picture)
+                write_bytes(Path(images) / f"frame_{number:05d}.png", as_png(picture))
+
+
+def as_png(picture: np.ndarray) -> bytes:
+    """What a PNG file of a picture ``(height, width, 3)`` holds: a library that writes it itself fails untidily."""
+    from PIL import Image
+
+    content = BytesIO()
+    Image.fromarray(picture).save(content, "png")
+    return content.getvalue()
 
 
 def fixed_camera(scene: Scene, runs: Sequence[Sequence[State]], *, aspect: float, below: float = 0.0) -> Camera:

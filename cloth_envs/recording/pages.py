@@ -37,6 +37,12 @@ class Trailer(NamedTuple):
         return body + _CHECK.pack(zlib.crc32(body))
 
 
+def sealed(content: bytes) -> bytes:
+    """A whole HDF5 file with its trailer."""
+    sums = [checksum(content[begin : begin + PAGE]) for begin in range(0, len(content), PAGE)]
+    return content + Trailer(len(content), sums).pack()
+
+
 def pages(end: int) -> int:
     """How many pages ``end`` bytes have."""
     return -(-end // PAGE)

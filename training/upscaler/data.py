@@ -9,17 +9,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import h5py
 import numpy as np
 
-from cloth_envs.files import reading
 from cloth_envs.grid import Grid
 from cloth_envs.registry import load_task
 from cloth_envs.resample import Resampler
 from surrogates.miniature.coarse import coarse_grid
 from surrogates.upscale.patches import FEATURES, Layout, combine, dense_grid, squares, triangles, windows
 from training.cache import digest
-from training.generate import HELD_OUT_EVERY, REMEDY
+from training.generate import HELD_OUT_EVERY, open_shard, shard_files
 
 PAST = 2  # frames before the first one that is upscaled
 
@@ -42,7 +40,7 @@ def shards(folder: Path, *, held_out: bool) -> list[Path]:
         ValueError: there are none.
     """
     last = HELD_OUT_EVERY - 1
-    found = [path for path in sorted(folder.glob("*.h5")) if (int(path.stem) % HELD_OUT_EVERY == last) == held_out]
+    found = [path for path in shard_files(folder) if (int(path.stem) % HELD_OUT_EVERY == last) == held_out]
     if not found:
         raise ValueError(
             f"no trajectories to {'test with' if held_out else 'learn from'} in {folder}: "
@@ -53,7 +51,7 @@ def shards(folder: Path, *, held_out: bool) -> list[Path]:
 
 def read(path: Path, factor: int) -> Trajectory:
     """One shard, with the miniature runs at ``factor``. Raises ValueError: it is damaged."""
-    with reading(path, REMEDY), h5py.File(path) as file:
+    with open_shard(path) as file:
         own = (float(file.attrs[name]) for name in ("frame_dt", "mass", "spring"))
         return Trajectory(file["positions"][:], file[f"real/{factor}"][:], *own)
 
@@ -62,7 +60,7 @@ def data_hash(paths: Sequence[Path]) -> str:
     """Changes when a trajectory does. Raises ValueError: one is damaged."""
     known = []
     for path in paths:
-        with reading(path, REMEDY), h5py.File(path) as file:
+        with open_shard(path) as file:
             known.append(str(file.attrs["sha256"]).encode())
     return digest(*known)
 
