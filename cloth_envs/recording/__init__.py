@@ -3,7 +3,7 @@
 Layout, version 3; N trajectories of at most T frames on an H x W grid, A actions, C bodies::
 
     /                    @layout_version @scene @env_spec @env_spec_left_out @wrappers @package_version @units @dt [s]
-                         @n_trajectories @digest (SHA-256 of the others) ...; texts are JSON where they have structure
+                         @n_trajectories ...; texts are JSON where they have structure
     dimensions/          time (N, T) [s], row (H) and col (W) [m] along the flat cloth
     t0_fields/           position_x, _y, _z, velocity_x, _y, _z: (N, T, H, W) [m], [m/s], in the state's own dtype
     scalars/             reward, pressure [Pa]: (N, T); every property of the material: (N)
@@ -24,7 +24,8 @@ Frame 0 is the start, its action and reward are 0; action t led to frame t. Reco
 took and gave: ``env.unwrapped.set_state(rollout.start(n))``, or a reset to the seed, and the actions give the frames
 and rewards again.
 
-Frames are written in chunks, each whole or not at all (``image``): a killed writer, or one whose disk is full, loses
+Beyond HDF5's end of the file are checksums of all its pages (``pages``), which ``Rollout`` verifies before HDF5 sees a
+byte (``stored``). Frames are written in chunks, each whole or not at all (``image``): a killed writer, or one whose disk is full, loses
 the chunk it was filling. A new file has its own name from the start; one that replaces another (``overwrite=True``) is
 ``<name>.part`` until it is closed, and stays that where its writer was killed. Others may read meanwhile. Nothing is
 compressed: measured on a flag, gzip saved 18 % of the space for 15 times the writing time.
