@@ -20,11 +20,12 @@ NEXT, SAME, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, Autores
 SMALL = {"resolution": (13, 9), "randomize": {"areal_density": [0.15, 0.3]}, "max_episode_steps": LIMIT}
 # Scene and backend, and the strain at which some members fail and others reach LIMIT; None: as shipped, which tears.
 Case = tuple[str, dict[str, Any], float | None]
+LOCAL = {"scaling": "closure", "upscaler": "local"}
 CASES: dict[str, Case] = {
     "explicit": ("Flag", {}, 0.05),
     "admm": ("Flag", {"backend_kwargs": {"solver": "admm"}}, 0.022),
     "implicit": ("Flag", {"backend_kwargs": {"solver": "implicit"}}, 0.045),
-    "miniature": ("Flag", {"backend": "miniature", "resolution": (9, 13)}, 0.1),
+    "miniature": ("Flag", {"backend": "miniature", "backend_kwargs": LOCAL, "resolution": (9, 13)}, 0.1),
     "bicubic": ("Curtain", {"backend": "miniature", "backend_kwargs": {"upscaler": "bicubic"}}, None),
     "cnn": ("Flag", {"backend": "cnn"}, 0.05),
     "torch": ("Flag", {"backend": "cnn", "backend_kwargs": {"engine": "torch"}, "resolution": (4, 5)}, 0.045),
