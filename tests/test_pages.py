@@ -18,6 +18,8 @@ import pytest
 
 from cloth_envs.recording import RecordRollout, Rollout
 from cloth_envs.recording.image import Image
+from cloth_envs.recording.pages import sealed
+from cloth_envs.recording.stored import StoredFile
 
 READER = """
 import sys
@@ -143,6 +145,14 @@ def test_a_note_of_somebody_else_is_no_damage(path: Path) -> None:
         assert {name: str(value) for name, value in rollout.attributes.items()} == {
             **{name: str(value) for name, value in about.items()}, "note": "mine", "n": "5",
         }  # fmt: skip
+
+
+def test_an_old_trailer_within_a_file_of_another_program_does_not_count(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w", libver=("v108", "v108")) as file:
+        file["room"] = np.frombuffer(sealed(b"old"), np.uint8)
+    assert sealed(b"old")[-12:] in (tmp_path / "a.h5").read_bytes()
+    with StoredFile(tmp_path / "a.h5") as disk, h5py.File(disk) as file:
+        assert file["room"][:].tobytes() == sealed(b"old")
 
 
 def test_a_kill_between_any_two_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

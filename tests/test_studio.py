@@ -99,6 +99,18 @@ cycle = [make()]; cycle.append(cycle); cycle[0].render()
 """)
 
 
+def test_a_daemon_thread_that_draws_ends_with_the_process_without_a_word() -> None:
+    run("""
+env = make()
+env.render()
+def draw():
+    while True:
+        env.render()
+threading.Thread(target=draw, daemon=True).start()
+time.sleep(0.3)
+""")
+
+
 def test_a_collection_in_another_thread_closes() -> None:
     run("""
 import weakref

@@ -55,13 +55,14 @@ def find_trailer(disk: int) -> Trailer | None:
         ValueError: it is damaged or cut off.
     """
     size = os.fstat(disk).st_size
+    head = os.pread(disk, _SUPERBLOCK.size, 0).ljust(_SUPERBLOCK.size, b"\0")
+    signature, version, end = _SUPERBLOCK.unpack(head)
+    ours = (signature, version) == (_SIGNATURE, _VERSION)
+    if ours and end == size:
+        return None  # of another program, with what was left of the trailer in it
     found = _unpack(disk, size)
-    if found is None:
-        head = os.pread(disk, _SUPERBLOCK.size, 0)
-        if len(head) == _SUPERBLOCK.size:
-            signature, version, end = _SUPERBLOCK.unpack(head)
-            if (signature, version) == (_SIGNATURE, _VERSION) and end != size:
-                raise ValueError("its checksums are missing")
+    if found is None and ours:
+        raise ValueError("its checksums are missing")
     return found
 
 

@@ -57,9 +57,12 @@ class Studio:
         Raises:
             RuntimeError: in a forked process whose parent had a window open, at the end of the process, or, on macOS,
                 in another thread than the main one.
+            SystemExit: at the end of the process, in a daemon thread.
         """
         refusal = self._refusal()
         if refusal is not None:
+            if self._ended and threading.current_thread().daemon:
+                raise SystemExit  # ends the thread without a word, which the process would do next
             raise RuntimeError(refusal)
         if threading.current_thread() is self._thread:
             return job()
