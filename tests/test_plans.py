@@ -89,7 +89,7 @@ def test_the_plans_megabytes_are_those_on_disk(tmp_path: Path) -> None:
     generate(plan, tmp_path, 1)
     size = (tmp_path / "00000.h5").stat().st_size
     told = plan.size(task_of("Flag", "lee2019", draw(plan, 0)).scene.grid)
-    assert told <= size < told + 20_000  # HDF5's own headers
+    assert told <= size < told + 25_000  # HDF5's own headers, and checksums
 
 
 def test_rollout_render_and_compare_say_where(
