@@ -56,7 +56,10 @@ class Snapshot:
         """
         if not isinstance(saved, Mapping):
             raise ValueError(f"a state is the dict that get_state() gave, got {type(saved).__name__}")
-        parts = dict(saved)
+        try:
+            parts = dict(saved)
+        except Exception as error:  # of a damaged file, which NumPy reads only now
+            raise ValueError(f"this state can't be read ({error}): pass what get_state() gave") from error
         check_scene(parts.pop("scene", None), self._identity())
         physics = str(parts.pop("backend", None))
         needed = self._shapes()
@@ -124,7 +127,7 @@ def check_array(name: str, value: Any, shape: tuple[int, ...], kinds: str = "f")
         raise ValueError(f"{name} is a masked array: pass a plain one")
     try:
         given = np.array(value)
-    except ValueError as error:
+    except Exception as error:  # whatever an object's own __array__ raises
         raise ValueError(f"{name} must be an array of shape {shape} ({error})") from error
     if given.shape != shape:
         raise ValueError(f"{name} must have shape {shape}, got {given.shape}")
@@ -133,7 +136,7 @@ def check_array(name: str, value: Any, shape: tuple[int, ...], kinds: str = "f")
         raise ValueError(f"{name} must be {wanted}, got {given.dtype}")
     if not np.isfinite(given).all():
         raise ValueError(f"{name} must be finite, it holds NaN or infinity")
-    limited = name.startswith(("state.", "memory.")) and name != "state.time"
+    limited = name.startswith(("state.", "memory.", OWN)) and name != "state.time"
     if limited and (abs(given) > LIMIT).any():
         raise ValueError(f"{name} must lie within +-{LIMIT:g}, got {abs(given).max():g}: SI units")
     return given
@@ -146,7 +149,7 @@ def check_scene(found: Any, wanted: str) -> None:
     try:
         there, here = json.loads(str(found)), json.loads(wanted)
         other = [f"{n} {there.get(n)!r} instead of {value!r}" for n, value in here.items() if there.get(n) != value]
-    except (ValueError, AttributeError) as error:
+    except (ValueError, AttributeError, RecursionError) as error:
         raise ValueError(f"this state's scene can't be read ({error}): pass what get_state() gave") from error
     if other:
         raise ValueError(
@@ -171,6 +174,6 @@ def _generator(text: str) -> np.random.Generator | None:
         increment = dict(content["state"]).get("inc", 1)  # of PCG64, where it is odd
         if as_taken != json.dumps(content) or content.get("has_uint32", 0) not in (0, 1) or increment % 2 == 0:
             raise ValueError("its numbers can't be those of a generator")
-    except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
+    except Exception as error:  # generators of NumPy refuse in many ways
         raise ValueError(f"this state's rng can't be read ({error}): pass what get_state() gave") from error
     return generator

@@ -237,7 +237,7 @@ class World:
             snapshot = self._now().other(saved)
             for material in set(snapshot.materials):
                 self._check_material(material)
-        except ValueError:
+        except BaseException:
             if not started:
                 self._episode, self.rngs = None, [None] * self.num_envs
             raise

@@ -217,3 +217,16 @@ def test_a_reader_follows_a_writer_that_goes_on(tmp_path: Path) -> None:
     with Rollout.open(tmp_path / "copy.h5") as copy, Rollout.open(path) as whole:
         assert copy.lengths == [*whole.lengths[:-1], 0]
         assert json.loads(copy.attributes["env_spec"])["id"] == "MiniCloth-Flag-v0"
+
+
+@dataclass(frozen=True)
+class Note:
+    name: str
+    text: str
+
+
+@pytest.mark.parametrize("text", ["x\r", "\r", "a\rb", "a\r\nb", "a\nb", 'say "a"', "# crc32 00000000,", ""])
+def test_rows_keep_every_text(text: str, tmp_path: Path) -> None:
+    rows = [Note("a", text), Note(text + "b", "c")]
+    write_rows(tmp_path / "notes.csv", rows)
+    assert read_rows(tmp_path / "notes.csv", Note) == rows

@@ -304,3 +304,64 @@ def test_frames_end_where_the_file_is_closed(path: Path) -> None:
     del rollout, states
     gc.collect()
     assert file.closed
+
+
+def test_a_fork_while_a_thread_reads(tmp_path: Path) -> None:
+    code = """
+import os, sys, threading
+import cloth_envs, gymnasium as gym
+from cloth_envs.recording import RecordRollout, Rollout
+env = RecordRollout(gym.make("MiniCloth-Flag-v0", resolution=(9, 13)), sys.argv[1])
+env.reset(seed=0)
+for _ in range(3):
+    env.step(env.action_space.sample())
+env.close()
+rollout, going = Rollout.open(sys.argv[1]), True
+def read():
+    while going:
+        rollout.rewards(0)
+thread = threading.Thread(target=read)
+thread.start()
+for _ in range(4):
+    child = os.fork()
+    if child == 0:
+        os._exit(len(rollout.rewards(0)))
+    print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
+going = False
+thread.join()
+"""
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code, str(tmp_path / "a.h5")],
+        capture_output=True, text=True, check=True, timeout=60,
+    )  # fmt: skip
+    assert done.stdout.split() == ["4"] * 4
+
+
+def test_a_trailer_is_found_behind_a_long_part_of_the_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    env = RecordRollout(gym.make("MiniCloth-Flag-v0", resolution=(9, 13)), str(tmp_path / "a.h5"))
+    env.reset(seed=0)
+    env.close()
+    with (tmp_path / "a.h5").open("ab") as file:
+        file.write(b"part of the next" * 1000)
+    monkeypatch.setattr("cloth_envs.recording.pages.SEARCHED", (100, 2**20))
+    with Rollout.open(tmp_path / "a.h5") as rollout:
+        assert rollout.lengths == [1]
+
+
+def test_a_reset_past_the_recorder_is_a_reset(tmp_path: Path) -> None:
+    env = RecordRollout(gym.make("MiniCloth-Flag-v0", resolution=(9, 13)), str(tmp_path / "a.h5"))
+    env.reset(seed=1)
+    env.step(np.zeros(2))
+    env.unwrapped.reset(seed=7)
+    env.step(np.zeros(2))
+    env.unwrapped.set_positions(env.unwrapped.positions)
+    env.step(np.zeros(2))
+    env.close()
+    with Rollout.open(tmp_path / "a.h5") as rollout:
+        assert rollout.resets == [True, True, False]
+
+
+def test_an_empty_file_is_told(tmp_path: Path) -> None:
+    (tmp_path / "a.h5").touch()
+    with pytest.raises(ValueError, match=r"a\.h5 is empty: its writer has flushed nothing"):
+        Rollout.open(tmp_path / "a.h5")

@@ -1,6 +1,7 @@
 """What a saved state must be to be taken, and that one which is refused changes nothing."""
 
 import json
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -141,6 +142,31 @@ def test_placing_a_cloth_nowhere_is_refused(positions: float) -> None:
     with pytest.raises(ValueError, match="shape"):
         env.set_positions("here")
     assert np.array_equal(env.positions, before)
+
+
+class Odd:
+    def __array__(self, *_: object, **__: object) -> np.ndarray:
+        raise TypeError("no numbers")
+
+
+def test_whatever_reading_a_state_raises_is_a_valueerror(tmp_path: Path) -> None:
+    good = make("Flag", backend="miniature").unwrapped.get_state()
+    np.savez(tmp_path / "s.npz", **good)
+    content = bytearray((tmp_path / "s.npz").read_bytes())
+    content[content.find(b"state.velocities.npy") + 400] ^= 255
+    (tmp_path / "damaged.npz").write_bytes(content)
+    for change in (
+        np.load(tmp_path / "damaged.npz"),
+        good | {"rng": np.array(['{"bit_generator": "BitGenerator", "state": {}}'])},
+        good | {"rng": np.array(["[" * 100_000])},
+        good | {"scene": np.array("[" * 100_000)},
+        good | {"state.wind": Odd()},
+        good | {"backend.positions": np.full_like(good["backend.positions"], 1e30)},
+    ):
+        env = gym.make(cloth_envs.env_id("Flag"), backend="miniature", **SMALL).unwrapped
+        with pytest.raises(ValueError, match=r"."):
+            env.set_state(change)
+        assert not env.world.started
 
 
 def test_a_refused_state_leaves_a_new_environment_new() -> None:

@@ -57,10 +57,11 @@ def write_rows(path: Path, rows: Sequence[Any]) -> None:
         OSError: it can't be written; the old file stays.
     """
     names = [field.name for field in fields(rows[0])]
-    text = StringIO(newline="")
-    writer = csv.DictWriter(text, names, lineterminator="\n")
+    text, table = StringIO(newline=""), [asdict(row) for row in rows]
+    bare = any("\r" in str(value) for row in table for value in row.values())  # which csv leaves unquoted otherwise
+    writer = csv.DictWriter(text, names, lineterminator="\n", quoting=csv.QUOTE_ALL if bare else csv.QUOTE_MINIMAL)
     writer.writeheader()
-    writer.writerows(asdict(row) for row in rows)
+    writer.writerows(table)
     body = text.getvalue().encode()
     write_bytes(path, (body + _mark(body, len(names))).replace(b"\n", b"\r\n"))
 

@@ -1,5 +1,6 @@
 """An HDF5 file that is read while it may be damaged, closed, used by several threads, or still being written."""
 
+import os
 import weakref
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,7 @@ from cloth_envs.files import first_line
 from cloth_envs.recording.stored import StoredFile
 
 T = TypeVar("T")
+_OPEN: "weakref.WeakSet[CheckedFile]" = weakref.WeakSet()
 TRIES = 100  # a writer that commits faster than a frame is read
 WAITS = (0.001, 0.002, 0.004, 0.008)  # [s] for a writer that is committing just now
 
@@ -28,6 +30,7 @@ class CheckedFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._lock = RLock()
+        _OPEN.add(self)
         self._file: h5py.File | None = None
         self._counter: int | None = None
         self._open()
@@ -57,6 +60,10 @@ class CheckedFile:
         except Exception as error:
             if image is not None:
                 image.close()
+            if self.path.is_file() and not self.path.stat().st_size:
+                raise ValueError(
+                    f"{self.path} is empty: its writer has flushed nothing so far, or was killed"
+                ) from None
             cause = error if image is None else image.failed
             if isinstance(cause, OSError):
                 raise cause from None
@@ -107,6 +114,16 @@ class CheckedFile:
             if self._file is not None:
                 self._finish()
                 self._file = None
+
+
+def _forked() -> None:
+    """In a new child: the thread that held a lock is not there."""
+    for file in _OPEN:
+        file._lock = RLock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_forked)
 
 
 def _close(file: h5py.File, image: StoredFile) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 PAGE = 2**16
-SEARCHED = 2**20  # bytes at the end of a file, for the trailer's own end
+SEARCHED = (2**20, 2**25, 2**30)  # bytes at the end of a file, for the trailer's own end: it grows with the file
 _CHANGE = struct.Struct("<QQ")  # offset and length of the bytes that follow
 _FOOT = struct.Struct("<8sQQ")  # magic, where HDF5's file ends, bytes of changes
 _CHECK = struct.Struct("<L")  # of all before
@@ -68,7 +68,15 @@ def find_trailer(disk: int) -> Trailer | None:
 
 def _unpack(disk: int, size: int) -> Trailer | None:
     """The last whole one; behind it may be a part of the next, where a writer was stopped, or what others added."""
-    begin = max(0, size - SEARCHED)
+    for searched in SEARCHED:
+        found = _search(disk, max(0, size - searched), size)
+        if found is not None or searched >= size:
+            return found
+    return None
+
+
+def _search(disk: int, begin: int, size: int) -> Trailer | None:
+    """The last whole one whose end lies behind ``begin``."""
     tail = os.pread(disk, size - begin, begin)
     at = len(tail)
     while (at := tail.rfind(_MAGIC, 0, at)) >= 0:

@@ -44,7 +44,7 @@ class RecordRollout(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructor
         self.writer.check_open()
         world: Any = self.env.unwrapped.world  # type: ignore[attr-defined]
         if self._last is not None and world.state is not self._last:
-            self._begin(reset=False)
+            self._begin(reset=int(world.frames[0]) == 0)
         frames = int(world.frames[0])
         result = self.env.step(action)
         if int(world.frames[0]) == frames + 1:
