@@ -363,5 +363,5 @@ def test_a_reset_past_the_recorder_is_a_reset(tmp_path: Path) -> None:
 
 def test_an_empty_file_is_told(tmp_path: Path) -> None:
     (tmp_path / "a.h5").touch()
-    with pytest.raises(ValueError, match=r"a\.h5 is empty: its writer has flushed nothing"):
+    with pytest.raises(ValueError, match=r"a\.h5 is empty, its writer has flushed nothing"):
         Rollout.open(tmp_path / "a.h5")
