@@ -62,7 +62,8 @@ class CheckedFile:
                 image.close()
             if self.path.is_file() and not self.path.stat().st_size:
                 raise ValueError(
-                    f"{self.path} is empty, its writer has flushed nothing yet or was killed: read it later, or record it again"
+                    f"{self.path} is empty, its writer has flushed nothing yet or was killed: read it later, or "
+                    "record it again"
                 ) from None
             cause = error if image is None else image.failed
             if isinstance(cause, OSError):
