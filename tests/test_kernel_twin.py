@@ -108,7 +108,7 @@ def compare(scene: Scene, state: State, materials: list[Material], dtype: str, t
     state = state.astype(dtype)
     controls = controls_for(scene, state)
     got = backend.advance(controls)
-    want = step(scene, state, controls, backend.substeps, materials)
+    want = step(scene, state, controls, backend.cuts, materials)
     for name in ("positions", "velocities"):
         change = getattr(want, name) - getattr(state, name)
         error = abs(getattr(got, name) - getattr(want, name)).max()

@@ -73,6 +73,7 @@ class ExplicitSolver(Solver):
         self._kernel = kernel(kernel_sheet(scene))
         self._felt = [kernel_material(scene, scene.material)] * num_envs
         self.substeps = np.ones(num_envs, np.int32)
+        self.cuts = np.ones((num_envs, 3), np.int32)
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
     def check_material(self, material: Material) -> None:
@@ -82,6 +83,7 @@ class ExplicitSolver(Solver):
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         for i, m in zip(which, materials, strict=True):
             self._felt[i], self.substeps[i] = kernel_material(self.scene, m), self._count(m)
+            self.cuts[i] = (self.substeps[i], 8, 8)
 
     def _count(self, material: Material) -> int:
         """Substeps in a frame. Raises ValueError: more than the limit, or fewer wanted than are stable."""
@@ -97,4 +99,4 @@ class ExplicitSolver(Solver):
         return int(count)
 
     def step(self, old: State, new: State, controls: Controls) -> None:
-        self._kernel.advance(old, new, controls, self._felt, self.substeps, self.threads)
+        self._kernel.advance(old, new, controls, self._felt, self.cuts, self.threads)

@@ -86,6 +86,28 @@ def damper_forces(grid: Grid, materials: Materials, x: np.ndarray, v: np.ndarray
     return out.reshape(x.shape)
 
 
+def damped_spring_forces(grid: Grid, materials: Materials, x: np.ndarray, v: np.ndarray) -> Forces:
+    """``f_i = k (1 - L / |d + damping w|) d``, ``w = v_j - v_i``: springs whose length is that of a moment later.
+
+    To first order in ``damping`` the sum of ``spring_forces`` and ``damper_forces``, and like them along the edges.
+    """
+    at, speed, out = flat(x), flat(v), np.zeros_like(flat(x))
+    for edge in edges(grid):
+        d = at[..., edge.second] - at[..., edge.first]
+        w = speed[..., edge.second] - speed[..., edge.first]
+        length = np.linalg.norm(d, axis=1)
+        later = np.linalg.norm(d + values(materials, "damping")[:, None] * w, axis=1)
+        before, beyond = _yielding(materials, edge, length)
+        extra = values(materials, "compression") * (before + values(materials, "post_buckling") * beyond)
+        extra = (np.maximum(length - edge.rest, 0.0) + extra) / length
+        rate = np.where(length < edge.rest, values(materials, "compression_damping"), 1.0)
+        extra += rate * (edge.rest / length - edge.rest / later)
+        force = (_stiffness(materials, edge) * extra)[:, None] * d
+        out[..., edge.first] += force
+        out[..., edge.second] -= force
+    return out.reshape(x.shape)
+
+
 def bend_forces(grid: Grid, materials: Materials, x: np.ndarray) -> Forces:
     """Quadratic bending (Bergou et al. 2006): the negative gradient of ``bend_energy``, linear in x."""
     at, out = flat(x), np.zeros_like(flat(x))

@@ -1,4 +1,4 @@
-"""The plain NumPy twin of the explicit kernel: drives, all forces, and a frame of symplectic Euler; tests' oracle."""
+"""The plain NumPy twin of the explicit kernel: drives, all forces, and a frame of substeps; tests' oracle."""
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from cloth_envs.physics.laws.sheet import (
     Forces,
     Materials,
     bend_forces,
+    damped_spring_forces,
     damper_forces,
     flat,
     gravity_forces,
@@ -52,6 +53,28 @@ def total_forces(scene: Scene, materials: Materials, state: State, wind: np.ndar
     return force + pressure_forces(grid, x, pressure) if scene.pressure else force
 
 
+def slow_forces(scene: Scene, materials: Materials, state: State, controls: Controls, air: bool, bend: bool) -> Forces:
+    """What acts as impulses: bending, if ``bend``, and wind and pressure, if ``air``."""
+    grid, x = scene.grid, state.positions
+    force = bend_forces(grid, materials, x) if bend else np.zeros_like(x)
+    if air:
+        force = force + wind_forces(scene, x, state.velocities, controls.wind)
+    return force + pressure_forces(grid, x, controls.pressure) if air and scene.pressure else force
+
+
+def impulse_share(substep: int, every: int, count: int) -> float:
+    """How many of a frame's ``count`` substeps the impulse at the start of ``substep`` stands for, 0 for no impulse.
+
+    Impulses come every ``every`` substeps and at the end of the frame; each stands for half of the time to the one
+    before and to the one after it.
+    """
+    if substep % every and substep != count:
+        return 0.0
+    last = (count - 1) // every * every
+    before = last if substep == count else max(substep - every, 0)
+    return (min(substep + every, count) - before) / 2
+
+
 def step(
     scene: Scene,
     state: State,
@@ -59,34 +82,63 @@ def step(
     substeps: int | np.ndarray,
     materials: Materials | None = None,
 ) -> State:
-    """One frame by symplectic Euler; the result is in float64.
+    """One frame by velocity Verlet with impulses (r-RESPA, Tuckerman et al. 1992); the result is in float64.
 
-    ``substeps`` is a number for all, or ``(B,)``; ``materials`` default to the scene's.
-    In a substep of length h: ``v <- v D + (F/m) h phi`` with ``D = exp(-drag h)``,
-    ``phi = (1 - D) / (drag h)`` (exact for a constant force), ``x <- x + h v``, contact with every body
-    in turn; handles then get the place and velocity of their cubic.
+    ``substeps`` is a number for all, or of each cloth ``(B, 3)``: their number, and after how many of them bending and
+    the air act. ``materials`` default to the scene's. At the start of a substep of length h:
+    ``v <- v D + (F + s G) / m h phi`` with ``F`` springs with their dashpots and weight, ``G`` bending and air, ``s`` the
+    substeps that their impulse stands for (``impulse_share``), ``D = exp(-drag h)``, ``phi = (1 - D) / (drag h)``
+    (exact for a constant force); half of it (h / 2) in a frame's first, and again at its end. Then ``x <- x + h v``,
+    contact with every body in turn; handles get the place and velocity of their cubic. The air sees velocities with half
+    of what its impulse, as large as the last one, will change.
     """
     materials = [scene.material] * state.batch if materials is None else materials
-    if not isinstance(substeps, int):
+    if isinstance(substeps, np.ndarray):
         out = state.astype(np.float64)
-        for i, count in enumerate(substeps):
+        for i, cut in enumerate(substeps):
             one = Controls(**{name: value[[i]] for name, value in vars(controls).items()})
-            out.assign([i], step(scene, state.select([i]), one, int(count), [materials[i]]))
+            out.assign([i], _frame(scene, state.select([i]), one, *map(int, cut), [materials[i]]))
         return out
+    return _frame(scene, state, controls, substeps, 1, 1, materials)
+
+
+def _frame(
+    scene: Scene, state: State, controls: Controls, count: int, bend_every: int, air_every: int, materials: Materials
+) -> State:
+    """A frame of ``count`` substeps."""
     old, now = state.astype(np.float64), state.astype(np.float64)
-    h = scene.frame_dt / substeps
-    mass = masses(scene.grid, materials)
-    decay = values(materials, "drag")[:, :, None, None] * h * scene.drag
-    push = np.divide(-np.expm1(-decay), decay, out=np.ones_like(decay), where=decay > 0)
-    for substep in range(1, substeps + 1):
-        s = substep / substeps
-        force = total_forces(scene, materials, now, controls.wind, controls.pressure)
-        before = now.positions
-        now.velocities = now.velocities * np.exp(-decay) + force / mass * h * push
-        now.positions = before + h * now.velocities
-        bodies, _ = bodies_at(scene, old, controls, s)
-        resolve_contact(scene, now, before, now.colliders, bodies, h)
-        now.colliders = bodies
+    h, mass, drag = scene.frame_dt / count, masses(scene.grid, materials), values(materials, "drag")[:, :, None, None]
+    weight = gravity_forces(scene.grid, materials, now.positions, scene.gravity)
+    kick, before = np.zeros_like(now.positions), 0.0  # the last slow force, and the share of the air's last impulse
+    bends = any(material.bend_stiffness > 0 for material in materials)
+
+    def change(decay: np.ndarray) -> np.ndarray:
+        return np.divide(-np.expm1(-decay), decay, out=np.ones_like(decay), where=decay > 0)
+
+    for substep in range(count + 1):
+        part = 0.5 if substep in (0, count) else 1.0
+        decay = drag * scene.drag * h
+        bend, air = impulse_share(substep, bend_every, count), impulse_share(substep, air_every, count)
+        impulse = np.zeros_like(now.positions)
+        if bend and bends:
+            impulse = bend * slow_forces(scene, materials, now, controls, air=False, bend=True)
+        if air:
+            seen = now.copy()
+            if before and (bend_every == air_every or not bends):
+                seen.velocities = now.velocities + air / 2 / before * kick / mass * h * change(decay)
+            impulse = impulse + air * slow_forces(scene, materials, seen, controls, air=True, bend=False)
+            before = air
+        if bend or air:
+            kick = impulse
+        force = damped_spring_forces(scene.grid, materials, now.positions, now.velocities) + weight
+        push = h * part * change(part * decay) / mass
+        now.velocities = now.velocities * np.exp(-part * decay) + (force + impulse / part) * push
+        if substep < count:
+            start, s = now.positions, (substep + 1) / count
+            now.positions = start + h * now.velocities
+            bodies, _ = bodies_at(scene, old, controls, s)
+            resolve_contact(scene, now, start, now.colliders, bodies, h)
+            now.colliders = bodies
         put_handles(scene, old, now, controls, s)
     now.collider_velocities = np.array(controls.collider_velocities, np.float64)
     now.wind, now.pressure = controls.wind.copy(), controls.pressure.copy()

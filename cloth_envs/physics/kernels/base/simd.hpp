@@ -62,19 +62,24 @@ inline bool any(const Mask& mask) {
 #endif
 }
 
-// 1 / sqrt(v) for v > 0; float: an estimate and one Newton step, about 1e-7 relative.
-inline V<float> rsqrt(V<float> v) {
+// About 1 / sqrt(v) for v > 0: 3e-4 relative or better, which one Newton step makes 1e-7.
+inline V<float> rsqrt_estimate(V<float> v) {
 #if defined(__AVX512F__)
-  const V<float> r = (V<float>)_mm512_rsqrt14_ps((__m512)v);
+  return (V<float>)_mm512_rsqrt14_ps((__m512)v);
 #elif defined(__AVX2__)
-  const V<float> r = (V<float>)_mm256_rsqrt_ps((__m256)v);
+  return (V<float>)_mm256_rsqrt_ps((__m256)v);
 #elif defined(__SSE2__)
-  const V<float> r = (V<float>)_mm_rsqrt_ps((__m128)v);
+  return (V<float>)_mm_rsqrt_ps((__m128)v);
 #else
   V<float> r;
   for (int k = 0; k < kLanes<float>; ++k) r[k] = 1.0f / std::sqrt(v[k]);
   return r;
 #endif
+}
+
+// 1 / sqrt(v) for v > 0; float: an estimate and one Newton step.
+inline V<float> rsqrt(V<float> v) {
+  const V<float> r = rsqrt_estimate(v);
   return r * (1.5f - (0.5f * v) * (r * r));
 }
 inline V<double> rsqrt(V<double> v) {
@@ -121,6 +126,23 @@ inline T late(const T& a, const T& b) {
   Index index;
   for (int k = 0; k < n; ++k) index[k] = n - 1 + k;
   return __builtin_shuffle(a, b, index);
+#endif
+}
+
+// The lanes of a one place earlier, then 0.
+template <class T>
+inline T early(const T& a) {
+  constexpr int n = int(sizeof(a) / sizeof(a[0]));
+  const T none = {};
+#if defined(__clang__)
+  T r = none;
+  for (int k = 1; k < n; ++k) r[k - 1] = a[k];
+  return r;
+#else
+  using Index = decltype(a < none);
+  Index index;
+  for (int k = 0; k < n; ++k) index[k] = k + 1;
+  return __builtin_shuffle(a, none, index);
 #endif
 }
 

@@ -13,14 +13,20 @@ namespace {
 
 template <class T>
 void advance_explicit(const Explicit<T>& solver, const PythonState& old, const PythonState& now,
-                      const PythonControls& controls, const std::vector<Material>& materials, In<int, 1> substeps,
+                      const PythonControls& controls, const std::vector<Material>& materials, In<int, 2> substeps,
                       int threads) {
   const Frames<T> frames(solver.sheet(), old, now, controls);
-  need(materials.size() == frames().size() && shaped(substeps, {frames().size()}), "materials and substeps must be B");
-  for (std::size_t b = 0; b < frames().size(); ++b) need(substeps.data()[b] >= 1, "substeps must be at least 1");
+  const std::size_t batch = frames().size();
+  need(materials.size() == batch && shaped(substeps, {batch, 3}), "materials must be B, substeps (B, 3)");
+  std::vector<Substeps> cuts;
+  for (std::size_t b = 0; b < batch; ++b) {
+    const int* const cut = substeps.data() + 3 * b;
+    need(cut[0] >= 1 && cut[1] >= 1 && cut[2] >= 1, "substeps must be at least 1");
+    cuts.push_back({cut[0], cut[1], cut[2]});
+  }
   need(threads >= 1, "threads must be at least 1");
   nb::gil_scoped_release release;
-  solver.advance(frames(), materials, substeps.data(), threads);
+  solver.advance(frames(), materials, cuts, threads);
 }
 
 template <class T>
@@ -29,7 +35,8 @@ void bind_explicit(nb::module_& m, const char* name) {
       .def(nb::init<Sheet>(), nb::arg("sheet"))
       .def("advance", &advance_explicit<T>, nb::arg("old"), nb::arg("new"), nb::arg("controls"), nb::arg("materials"),
            nb::arg("substeps"), nb::arg("threads"),
-           "A frame from old to the positions and velocities of new; materials and substeps (B,) of each cloth.");
+           "A frame from old to the positions and velocities of new, of each cloth's material. substeps (B, 3): their "
+           "number, and after how many of them bending and the air act.");
 }
 
 }  // namespace

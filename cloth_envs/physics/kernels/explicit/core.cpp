@@ -5,62 +5,72 @@
 #include <utility>
 
 #include "../base/threads.hpp"
-#include "../sheet/drives.hpp"
+#include "driven.hpp"
 
 namespace minicloth {
 namespace {
 
-// Two states (the step reads one and writes the other), the forces of the air and of the edges.
+constexpr std::size_t kCache = 1 << 20;  // bytes that the fields of cloths in lanes may take
+
+// One thread's fields; zeros where nothing is put.
 template <class T>
 struct Workspace {
   Plane<T> memory;
-  Planes<T> now, next;
-  Cells<T> air;
-  Edges<T> edges;
-  int stride = 0, rows = 0, begin = 0;
-
-  // Ghosts must hold 0, in the edges always and in the state at the start of a frame.
-  void prepare(const Geometry<T>& g) {
-    if (stride == g.stride && rows == g.rows && begin == g.begin) {
-      for (int k = 0; k < 3; ++k) std::fill_n(now.x[k], g.size, T(0)), std::fill_n(now.v[k], g.size, T(0));
-      return;
-    }
-    stride = g.stride, rows = g.rows, begin = g.begin;
-    // Edges wait for about a row; in narrow grids all of them do.
-    edges.ring = g.stride <= kBlock ? int(g.size) : (g.stride + 2 * kBlock) / kBlock * kBlock;
-    const std::size_t waiting = std::size_t(edges.ring) + kBlock;
-    memory.assign(27 * g.size + 9 * waiting, T(0));
-    T* p = memory.data();
-    const auto take = [&](auto& planes, std::size_t size) {
-      for (T*& plane : planes) plane = std::exchange(p, p + size);
-    };
-    for (auto* s : {&now, &next}) take(s->x, g.size), take(s->v, g.size);
-    for (auto& corner : air.corner) take(corner, g.size);
-    take(edges.sum, g.size);
-    for (auto* e : {&edges.down, &edges.right, &edges.left}) take(*e, waiting);
+  Fields<T> prepare(const Strips<T>& s) {
+    const std::size_t line = (s.cols + 2) * 3 * s.width;
+    memory.assign(5 * s.field + 3 * line, T(0));
+    T* at = memory.data();
+    Fields<T> f;
+    for (T** field : {&f.x, &f.y, &f.v, &f.impulse, &f.mid}) *field = std::exchange(at, at + s.field);
+    for (T** row : {&f.arrive, &f.first, &f.low}) *row = std::exchange(at, at + line) + 3 * s.width;
+    return f;
   }
 };
 
+// Of lane `l`, for steps of `h` whose velocities change as in steps of `dt`.
 template <class T>
-StepTerms<T> terms_of(const Material& m, double gravity, double dt) {
+void put_terms(StepTerms<T>& t, int l, const Material& m, double gravity, double h, double dt) {
   // Drag is integrated exactly: dv/dt = a - drag v over a substep with a constant.
-  const double decay = std::exp(-m.drag * dt);
   const double lag = m.drag > 0 ? -std::expm1(-m.drag * dt) / m.drag : dt;
   // A spring shortened by e has the tension -k c (min(e, b) + q max(e - b, 0)), b the length at which it buckles. On
   // top of a linear spring's -k e that is k (1 - c q) e and -k c (1 - q) min(e, b).
   const double c = m.compression, q = m.post_buckling;
-  return {T(m.stretch_stiffness),
-          T(m.shear_stiffness),
-          T(m.bend_stiffness),
-          T(m.damping),
-          T(c * q - 1),
-          T(c - c * q),
-          T(m.buckling_strain),
-          T(m.compression_damping * m.damping),
-          T(lag / m.areal_density),
-          T(decay),
-          T(dt),
-          T(lag * gravity)};
+  t.stretch[l] = T(m.stretch_stiffness), t.shear[l] = T(m.shear_stiffness), t.damping[l] = T(m.damping);
+  t.yields[l] = T(c * q - 1), t.buckled[l] = T(c - c * q), t.buckling[l] = T(m.buckling_strain);
+  t.shortened_damping[l] = T(m.compression_damping);
+  t.accelerate[l] = T(lag / m.areal_density), t.decay[l] = T(std::exp(-m.drag * dt));
+  t.gravity_kick[l] = T(lag * gravity), t.dt[l] = T(h);
+}
+
+template <class T>
+void put_slow(SlowTerms<T>& t, int l, const Material& m, const Sheet& sheet, const Frame<T>& f, bool turned) {
+  t.bend[l] = T(m.bend_stiffness);
+  t.normal[l] = T(sheet.wind_normal / 4), t.lift[l] = T(0);
+  t.tangential[l] = T(sheet.wind_tangential / 4);
+  t.pressure[l] = T(sheet.pressure ? (turned ? -f.pressure : f.pressure) : 0.0);  // normals turn round
+  for (int k = 0; k < 3; ++k) t.wind[k][l] = T(f.wind[k]);
+}
+
+template <class T>
+void put_cloth(const Strips<T>& s, const Sheet& sheet, const Frame<T>& frame, T damping, int member,
+               const Fields<T>& f) {
+  const int vertices = sheet.rows * sheet.cols;
+  for (int i = 0; i < vertices; ++i) {
+    const std::ptrdiff_t at = s.at(i, sheet.cols, member);
+    for (int k = 0; k < 3; ++k) {
+      const T x = frame.x[k * vertices + i], v = frame.v[k * vertices + i];
+      f.x[at + k * s.width] = x, f.v[at + k * s.width] = v, f.y[at + k * s.width] = x + damping * v;
+    }
+  }
+}
+template <class T>
+void take_cloth(const Strips<T>& s, const Sheet& sheet, const Fields<T>& f, int member, const Frame<T>& frame) {
+  const int vertices = sheet.rows * sheet.cols;
+  for (int i = 0; i < vertices; ++i) {
+    const std::ptrdiff_t at = s.at(i, sheet.cols, member);
+    for (int k = 0; k < 3; ++k)
+      frame.x_out[k * vertices + i] = f.x[at + k * s.width], frame.v_out[k * vertices + i] = f.v[at + k * s.width];
+  }
 }
 
 }  // namespace
@@ -68,42 +78,79 @@ StepTerms<T> terms_of(const Material& m, double gravity, double dt) {
 template <class T>
 Explicit<T>::Explicit(Sheet sheet)
     : sheet_(std::move(sheet)),
-      geometry_(sheet_.rows, sheet_.cols, sheet_.row_length, sheet_.col_length, sheet_.periodic, true) {}
+      bands_(sheet_.rows, sheet_.cols, sheet_.row_length, sheet_.col_length, sheet_.periodic,
+             lanes<ExplicitLanes<T>>().width, true),
+      cloths_(sheet_.rows, sheet_.cols, sheet_.row_length, sheet_.col_length, sheet_.periodic, bands_.width, false) {}
 
 template <class T>
-void Explicit<T>::advance(const Frame<T>& f, const Material& material, int substeps) const {
-  const Geometry<T>& g = geometry_;
+void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
+                          const Substeps& substeps, const std::vector<std::size_t>& members) const {
   const auto& kernels = lanes<ExplicitLanes<T>>();
+  const Strips<T>& s = members.size() > 1 ? cloths_ : bands_;
+  const int width = s.width, count = substeps.count;
   thread_local Workspace<T> work;
-  work.prepare(g);
-  Planes<T> now = work.now, next = work.next;
-  g.pad(f.x, now.x), g.pad(f.v, now.v);
-  g.wrap(now.x), g.wrap(now.v);
+  const Fields<T> f = work.prepare(s);
+  const double h = sheet_.frame_dt / count;
 
-  const double dt = sheet_.frame_dt / substeps;
-  const StepTerms<T> terms = terms_of<T>(material, sheet_.gravity, dt);
-  const AirTerms<T> blow = air_terms(sheet_, f);
-  const bool air = sheet_.wind || sheet_.pressure;
-  const auto step = kernels.step[material.yields()][air];
-  const auto handles = handles_of(sheet_, f, [&](int vertex) { return g.at(vertex); });
-  MovingBodies<T> bodies(sheet_, f, dt);
-
-  for (int k = 0; k < substeps; ++k) {
-    const double end = double(k + 1) / substeps;
-    if (air) kernels.air[sheet_.wind](g, blow, now, work.air);
-    step(g, terms, now, next, work.air, work.edges);
-    for (const BodyStep<T>& body : bodies.to(end)) kernels.contact(g, body, now, next);
-    put_positions(handles, end, next.x), put_velocities(handles, end, next.v);
-    g.wrap(next.x), g.wrap(next.v);
-    std::swap(now, next);
+  StepTerms<T> full, half, last;
+  SlowTerms<T> slow;
+  HeldVertices<T> handles;
+  LaneBodies<T> bodies(sheet_);
+  bool yields = false, bends = false;
+  for (int lane = 0; lane < (s.banded ? 1 : width); ++lane) {  // lanes without a cloth repeat the last one
+    const std::size_t member = members[std::min<std::size_t>(lane, members.size() - 1)];
+    const Frame<T>& frame = frames[member];
+    const Material& material = materials[member];
+    const int end = s.banded ? width : lane + 1;
+    for (int l = lane; l < end; ++l) {
+      put_terms(full, l, material, sheet_.gravity, h, h), put_terms(half, l, material, sheet_.gravity, h, h / 2);
+      put_terms(last, l, material, sheet_.gravity, 0, h / 2), put_slow(slow, l, material, sheet_, frame, s.turned);
+    }
+    put_cloth(s, sheet_, frame, T(material.damping), lane, f);
+    handles.add(sheet_, frame, s, lane), bodies.add(sheet_, frame, lane, end);
+    yields |= material.yields(), bends |= material.bend_stiffness > 0;
   }
-  g.unpad(now.x, f.x_out), g.unpad(now.v, f.v_out);
+
+  const int air = sheet_.wind ? 2 : sheet_.pressure;
+  const bool together = !bends || substeps.bend_every == substeps.air_every;
+  Impulses bend(bends, substeps.bend_every, count), blow(air, substeps.air_every, count);
+  double before = 0;  // share of the last impulse of the air
+  for (int k = 0; k <= count; ++k) {
+    const double bending = bend.due(k), blowing = blow.due(k), end = std::min(k + 1, count) / double(count);
+    const bool impulses = bending > 0 || blowing > 0;
+    if (impulses) {
+      const double coming = k < count ? blowing : blowing / 2;
+      std::fill_n(slow.bend_share, width, T(bending)), std::fill_n(slow.air_share, width, T(blowing));
+      std::fill_n(slow.ahead, width, T(together && before > 0 ? coming / (2 * before) : 0));
+      kernels.slow[bending > 0][blowing > 0 ? air : 0](s, f, slow, full);
+      if (blowing > 0) before = blowing;
+    }
+    const std::vector<BodyLanes<T>>& now = bodies.to(end);
+    kernels.step[yields][impulses][k < count && !now.empty()](s, f, k == count ? last : k ? full : half, now);
+    handles.put(f, full, width, end);
+  }
+  for (std::size_t m = 0; m < members.size(); ++m) take_cloth(s, sheet_, f, int(m), frames[members[m]]);
 }
 
 template <class T>
 void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
-                          const int* substeps, int threads) const {
-  for_each_member(frames.size(), threads, [&](std::size_t i) { advance(frames[i], materials[i], substeps[i]); });
+                          const std::vector<Substeps>& substeps, int threads) const {
+  // Bands fill the lanes of a large cloth; of small ones several that step alike fill them better.
+  std::vector<std::vector<std::size_t>> groups;
+  const std::size_t most = std::size_t(bands_.width);
+  const bool small = 4 * sizeof(T) * cloths_.field < kCache;
+  for (std::size_t i = 0; i < frames.size(); ++i) {
+    const auto alike = [&](const std::vector<std::size_t>& group) {
+      const std::size_t first = group.front();
+      return group.size() < most && substeps[first] == substeps[i] &&
+             materials[first].yields() == materials[i].yields() &&
+             (materials[first].bend_stiffness > 0) == (materials[i].bend_stiffness > 0);
+    };
+    const auto found = small ? std::find_if(groups.begin(), groups.end(), alike) : groups.end();
+    found == groups.end() ? groups.push_back({i}) : found->push_back(i);
+  }
+  for_each_member(groups.size(), threads,
+                  [&](std::size_t g) { advance(frames, materials, substeps[groups[g].front()], groups[g]); });
 }
 
 template class Explicit<float>;

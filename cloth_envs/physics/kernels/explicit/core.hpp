@@ -1,58 +1,80 @@
-// The explicit solver: frames of symplectic Euler substeps for a batch of cloths.
+// The explicit solver: frames of velocity Verlet substeps, with slow forces as impulses, for a batch of cloths.
 #pragma once
 #include <utility>
 #include <vector>
 
 #include "../base/dispatch.hpp"
-#include "../base/geometry.hpp"
-#include "../sheet/air.hpp"
 #include "../sheet/bodies.hpp"
 #include "../sheet/sheet.hpp"
+#include "strips.hpp"
 
 namespace minicloth {
 
-// Forces of the edges that leave every vertex towards row + 1 and both diagonals, and (in narrow grids) the sum of
-// what a vertex feels without those that arrive from the row above; 0 before Geometry::begin.
+// Fields of Strips, and three rows between which forces wait.
 template <class T>
-struct Edges {
-  T *sum[3], *down[3], *right[3], *left[3];
-  int ring;  // an element's place is its number modulo this; the first block is repeated after the last
+struct Fields {
+  T *x, *y, *v;             // positions, those `damping` times the velocity later, velocities
+  T *impulse, *mid;         // slow forces [N] times substeps, velocities that the air sees
+  T *arrive, *first, *low;  // of edges from the row above, in the first row, of the air on the row below
 };
 
 template <class T>
+using Lanes = T[kMostLanes<T>];
+
+// What a substep needs of every lane's cloth.
+template <class T>
 struct StepTerms {
-  T stretch, shear, bend, damping;        // N/m, N/m, N m, s
-  T yields, buckled, buckling;            // of a shortened spring: see core.cpp
-  T shortened_damping;                    // s
-  T accelerate, decay, dt, gravity_kick;  // force/area -> dv, v factor, s, dv of gravity
+  alignas(64) Lanes<T> stretch, shear, damping;          // N/m, N/m, s
+  Lanes<T> yields, buckled, buckling, shortened_damping;  // of a shortened spring: see core.cpp
+  Lanes<T> accelerate, decay, gravity_kick, dt;           // force/area -> dv, v factor, dv of gravity, s
+};
+
+// The same of the slow forces.
+template <class T>
+struct SlowTerms {
+  alignas(64) Lanes<T> bend;                           // N m
+  Lanes<T> normal, lift, tangential, pressure;         // air: density * coefficient / 4 [kg/m^3], Pa
+  Lanes<T> wind[3];                                    // m/s
+  Lanes<T> bend_share, air_share, ahead;               // substeps; of the last impulses, in the velocities for the air
 };
 
 template <class T>
 struct ExplicitLanes {
-  // One substep of springs, dampers, bending, gravity, drag and the listed forces of the air.
-  using Step = void (*)(const Geometry<T>&, const StepTerms<T>&, const Planes<T>& in, const Planes<T>& out,
-                        const Cells<T>& air, const Edges<T>& edges);
-  Step step[2][2];  // [springs yield under compression][air]
-  using Air = void (*)(const Geometry<T>&, const AirTerms<T>&, const Planes<T>& in, const Cells<T>& out);
-  Air air[2];  // [wind]; pressure alone needs no velocities
-  void (*contact)(const Geometry<T>&, const BodyStep<T>&, const Planes<T>& in, const Planes<T>& out);
+  int width;
+  // A substep of springs, dampers, gravity, drag, the impulses if they are due, and contact with bodies.
+  using Step = void (*)(const Strips<T>&, const Fields<T>&, const StepTerms<T>&, const std::vector<BodyLanes<T>>&);
+  Step step[2][2][2];  // [springs yield under compression][impulses][bodies]
+  // The impulses of bending and of the air.
+  using Slow = void (*)(const Strips<T>&, const Fields<T>&, const SlowTerms<T>&, const StepTerms<T>&);
+  Slow slow[2][3];  // [bending][no air, pressure alone, wind and pressure]
 };
 DECLARE_LANES(ExplicitLanes<float>)
 DECLARE_LANES(ExplicitLanes<double>)
+
+// How a cloth's frame is cut: substeps, and after how many of them bending and the air act.
+struct Substeps {
+  int count, bend_every, air_every;
+  bool operator==(const Substeps& o) const {
+    return count == o.count && bend_every == o.bend_every && air_every == o.air_every;
+  }
+};
 
 template <class T>
 class Explicit {
  public:
   explicit Explicit(Sheet sheet);
-  // Frames of some cloths, each of its own material in its own number of substeps. Results do not depend on threads.
-  void advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials, const int* substeps,
-               int threads) const;
+  // Frames of some cloths, each of its own material in its own substeps. Results do not depend on threads, nor on which
+  // cloths are in a batch.
+  void advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
+               const std::vector<Substeps>& substeps, int threads) const;
   const Sheet& sheet() const { return sheet_; }
 
  private:
-  void advance(const Frame<T>& frame, const Material& material, int substeps) const;
+  // Cloths that are alike in substeps and in whether springs yield, in the lanes of vectors, or one in bands.
+  void advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials, const Substeps& substeps,
+               const std::vector<std::size_t>& members) const;
   Sheet sheet_;
-  Geometry<T> geometry_;
+  Strips<T> bands_, cloths_;
 };
 
 }  // namespace minicloth

@@ -21,21 +21,21 @@ struct Near {
 Near near(const UpscaledBody& b, const V3<float>& x) {
   if (b.plane) {
     const V3<float> n = {F{} + b.ends[1][0], F{} + b.ends[1][1], F{} + b.ends[1][2]};
-    return {n, axis_point(b.velocities, F{}), dot(n, x - axis_point(b.ends, F{})) - b.radius};
+    return {n, axis_point<float>(b.velocities, F{}), dot(n, x - axis_point<float>(b.ends, F{})) - b.radius};
   }
-  const F t = nearest(b.ends, x);
-  const V3<float> d = x - axis_point(b.ends, t);
+  const F t = nearest<float>(b.ends, x);
+  const V3<float> d = x - axis_point<float>(b.ends, t);
   const F square = dot(d, d), inverse = rsqrt(square + tiny<float>);
   V3<float> n = inverse * d;
   n.z += square > 0.0f ? F{} : F{} + 1.0f;  // up from the axis itself
-  return {n, axis_point(b.velocities, t), square * inverse - b.radius};
+  return {n, axis_point<float>(b.velocities, t), square * inverse - b.radius};
 }
 
 // Calls each(vertex, lane, what is near it) for those of the n vertices x whose gap is less than `reach`.
 template <class Each>
 void touching(const UpscaledBody& b, int n, const float* x, float reach, const Each& each) {
   const float outer = b.radius + reach, limit = outer * outer;
-  const V3<float> point = axis_point(b.ends, F{}), normal = axis_point(b.ends, F{} + 1.0f);
+  const V3<float> point = axis_point<float>(b.ends, F{}), normal = axis_point<float>(b.ends, F{} + 1.0f);
   const bool ball = !b.plane && std::memcmp(b.ends[0], b.ends[1], sizeof b.ends[0]) == 0;
   for (int i = 0; i < n; i += kWide) {
     const int count = n - i < kWide ? n - i : kWide;

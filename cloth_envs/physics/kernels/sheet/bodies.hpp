@@ -1,4 +1,4 @@
-// The geometry of bodies; contact.hpp has the same in vectors.
+// The geometry of bodies; contact.hpp has it in vectors.
 #pragma once
 #include "../base/vec.hpp"
 
@@ -10,6 +10,18 @@ struct BodyStep {
   bool plane;
   T before[2][3], after[2][3];
   T radius, friction, dt;  // radius includes the thickness
+};
+
+// The same of one body in every lane of vectors: of several cloths, or of one.
+enum class Shape { kSphere, kCapsule, kPlane };
+template <class T>
+constexpr int kMostLanes = 64 / int(sizeof(T));  // of any instruction set
+template <class T>
+struct BodyLanes {
+  Shape shape;
+  T radius, friction;
+  alignas(64) T before[2][3][kMostLanes<T>];
+  T after[2][3][kMostLanes<T>];
 };
 
 // How far along a body's axis, from 0 to 1, the point nearest to q lies; and that point.

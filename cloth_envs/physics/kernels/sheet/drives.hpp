@@ -14,6 +14,7 @@ struct Cubic {
   double c2 = 3 * (p1 - p0) - 2 * v0 - v1, c3 = 2 * (p0 - p1) + v0 + v1;
   double position(double s) const { return p0 + s * (v0 + s * (c2 + s * c3)); }
   double velocity(double s) const { return v0 + s * (2 * c2 + s * 3 * c3); }
+  bool operator==(const Cubic& o) const { return p0 == o.p0 && v0 == o.v0 && p1 == o.p1 && v1 == o.v1; }
 };
 
 // A driven vertex; one that is held still costs two stores a substep.

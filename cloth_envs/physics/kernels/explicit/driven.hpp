@@ -1,0 +1,98 @@
+// What moves lanes of cloths from outside during a frame: handles, bodies, and when slow forces act.
+#pragma once
+#include <algorithm>
+#include <cstddef>
+#include <vector>
+
+#include "../sheet/drives.hpp"
+#include "core.hpp"
+
+namespace minicloth {
+
+// The handles of all lanes.
+template <class T>
+class HeldVertices {
+ public:
+  void add(const Sheet& sheet, const Frame<T>& frame, const Strips<T>& s, int member) {
+    for (const Handle& handle : handles_of(sheet, frame, [](int vertex) { return vertex; }))
+      all_.push_back({s.at(handle.at, sheet.cols, member), handle});
+  }
+  void put(const Fields<T>& f, const StepTerms<T>& terms, int width, double s) const {
+    for (const Held& held : all_) {
+      const T damping = terms.damping[held.at % width];
+      for (int k = 0; k < 3; ++k) {
+        const std::ptrdiff_t at = held.at + k * width;
+        const T x = T(held.handle.position(k, s)), v = T(held.handle.velocity(k, s));
+        f.x[at] = x, f.v[at] = v, f.y[at] = x + damping * v;
+      }
+    }
+  }
+
+ private:
+  struct Held {
+    std::ptrdiff_t at;
+    Handle handle;
+  };
+  std::vector<Held> all_;
+};
+
+// The bodies of all lanes in one substep after the other.
+template <class T>
+class LaneBodies {
+ public:
+  explicit LaneBodies(const Sheet& sheet) : bodies_(sheet.bodies.size()) {
+    for (std::size_t i = 0; i < bodies_.size(); ++i) {
+      const Body& body = sheet.bodies[i];
+      bodies_[i].shape = body.plane ? Shape::kPlane : Shape::kSphere;
+      bodies_[i].radius = T(body.radius + sheet.thickness), bodies_[i].friction = T(body.friction);
+    }
+  }
+  // Those of lanes `first` to `last` - 1.
+  void add(const Sheet& sheet, const Frame<T>& frame, int first, int last) {
+    lanes_.push_back({first, last, body_paths(sheet, frame)});
+    for (std::size_t i = 0; i < bodies_.size(); ++i)
+      for (int k = 0; k < 3; ++k)
+        if (bodies_[i].shape == Shape::kSphere && !(lanes_.back().paths[6 * i + k] == lanes_.back().paths[6 * i + 3 + k]))
+          bodies_[i].shape = Shape::kCapsule;
+    to(0), to(0);
+  }
+  // The step from where the last one ended to s.
+  const std::vector<BodyLanes<T>>& to(double s) {
+    for (const Bodies& one : lanes_)
+      for (std::size_t i = 0; i < one.paths.size(); ++i) {
+        T* const before = bodies_[i / 6].before[i / 3 % 2][i % 3];
+        T* const after = bodies_[i / 6].after[i / 3 % 2][i % 3];
+        const T at = T(one.paths[i].position(s));
+        for (int l = one.first; l < one.last; ++l) before[l] = after[l], after[l] = at;
+      }
+    return bodies_;
+  }
+
+ private:
+  struct Bodies {
+    int first, last;
+    std::vector<Cubic> paths;
+  };
+  std::vector<BodyLanes<T>> bodies_;
+  std::vector<Bodies> lanes_;
+};
+
+// Impulses of a force that acts after every few of a frame's substeps: half of the time around each is its share, in
+// substeps. The first and the last kick of a frame count half, so theirs is twice that.
+class Impulses {
+ public:
+  Impulses(bool on, int every, int count) : every_(on ? every : 0), count_(count) {}
+  // At the start of substep k, or at the end of the frame (k = count): 0 if none is due.
+  double due(int k) {
+    if (every_ == 0 || (k % every_ && k != count_)) return 0;
+    const int next = std::min(every_, count_ - k);
+    const double share = k == 0 ? next : k == count_ ? before_ : 0.5 * (before_ + next);
+    before_ = next;
+    return share;
+  }
+
+ private:
+  int every_, count_, before_ = 0;
+};
+
+}  // namespace minicloth

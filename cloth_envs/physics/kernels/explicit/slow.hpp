@@ -1,0 +1,168 @@
+// Bending and the air, whose forces act as impulses. Included where it is compiled for an instruction set.
+#pragma once
+#include "../sheet/air.hpp"
+#include "ghosts.hpp"
+
+namespace minicloth {
+namespace LANES {
+namespace {
+
+enum Air { kStill, kPressure, kWind };
+
+// Positions in the columns around one: two to each side in its own row, in the rows above and below one.
+template <class T>
+struct Around {
+  V3<T> here, right, far, up, up_right, down, down_right;
+};
+
+// Bending in row r (Bergou et al. 2006): the second differences along rows and columns and the mixed one of cells.
+template <class T>
+struct Bending {
+  V<T> along, above, here, below;  // weights of second differences along this row, and down in the middle of each
+  V<T> cell_above, cell;           // of mixed differences
+  V3<T> before = {}, now = {}, twist = {}, twist_above = {};  // second differences at c - 1, c; mixed ones of c - 1
+
+  Bending(const Strips<T>& s, int r) {
+    constexpr int n = kLanes<T>;
+    const V<T> none = {};
+    const auto row = [&](const Plane<T>& weights, int i) {
+      if (i < 0) return s.banded ? late(none, load(weights.data() + (s.rows - 1) * n)) : none;
+      if (i == s.rows) return s.banded ? early(load(weights.data())) : none;
+      return load(weights.data() + i * n);
+    };
+    along = row(s.bend_along, r), above = row(s.bend_down, r - 1), here = row(s.bend_down, r);
+    below = row(s.bend_down, r + 1), cell_above = s.twist * row(s.cell, r - 1), cell = s.twist * row(s.cell, r);
+  }
+  static V3<T> second(const V3<T>& a, const V3<T>& b, const V3<T>& c) { return (a - b) + (c - b); }
+  static V3<T> mixed(const V3<T>& a, const V3<T>& b, const V3<T>& c, const V3<T>& d) { return (a - b) - (c - d); }
+};
+
+// Twice the force of the air on a triangle: n is twice its area vector, u three times its velocity in the wind.
+template <class T, Air kAir>
+void slow_air(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
+  constexpr int n = kLanes<T>, q = 3 * n;
+  const V<T> none = {};
+  const V<T> push = load(p.pressure) / T(2), share = load(p.air_share) / T(6);
+  const V<T> normal = load(p.normal) / T(9), lift = load(p.lift) / T(9), tangential = load(p.tangential) / T(9);
+  const V3<T> wind = {T(3) * load(p.wind[0]), T(3) * load(p.wind[1]), T(3) * load(p.wind[2])};
+  const int cells = s.periodic ? s.cols : s.cols - 1;
+  std::fill_n(f.low - q, (s.cols + 2) * q, T(0));
+  for (int r = 0; r < s.rows; ++r) {
+    const V<T> part = share * load(s.cell.data() + r * n);
+    V3<T> own_before = {}, low_before = {};
+    const auto put_corners = [&](int c, const V3<T>& own, const V3<T>& low) __attribute__((always_inline)) {
+      T* const to = f.impulse + s.at(r, c);
+      set<T>(to, get<T>(to) + (own + get<T>(f.low + c * q)));
+      set<T>(f.low + c * q, low);
+    };
+    for (int c = 0; c < cells; ++c) {
+      const T *const x = f.x + s.at(r, c), *const v = f.mid + s.at(r, c);
+      const V3<T> at = get<T>(x), right = get<T>(x + q) - at, down = get<T>(x + s.stride) - at;
+      const V3<T> across = get<T>(x + s.stride + q) - at;
+      const V3<T> n1 = cross(down, across), n2 = cross(down, right), n3 = cross(across, right), n0 = (n1 + n3) - n2;
+      V3<T> v0, v1, v2, v3, sum;  // three times a triangle's velocity is the sum less the missing corner's
+      if constexpr (kAir == kWind) {
+        v0 = get<T>(v), v1 = get<T>(v + q), v2 = get<T>(v + s.stride + q), v3 = get<T>(v + s.stride);
+        sum = (v0 + v1) + (v2 + v3) - wind;
+      }
+      const auto force = [&](const V3<T>& m, const V3<T>& missing) __attribute__((always_inline)) {
+        if constexpr (kAir == kPressure) {
+          return push * m;
+        } else {
+          const V3<T> u = sum - missing;
+          const V<T> area = dot(m, m) + T(1e-30), through = dot(m, u), turn = through * reciprocal(area);
+          const V3<T> slide = u - turn * m;
+          const V<T> product = area * dot(slide, slide) + T(1e-36), sliding = product * rsqrt(product);
+          const V<T> speed = through < T(0) ? -through : through;
+          return (push - (normal * speed + lift * sliding) * turn) * m - (tangential * sliding) * slide;
+        }
+      };
+      const V3<T> f0 = force(n0, v0), f1 = force(n1, v1), f2 = force(n2, v2), f3 = force(n3, v3);
+      const V3<T> all = (f0 + f2) + (f1 + f3);
+      put_corners(c, own_before + part * (all - f0), low_before + part * (all - f3));
+      own_before = part * (all - f1), low_before = part * (all - f2);
+    }
+    if (s.periodic) {
+      T* const to = f.impulse + s.at(r, 0);
+      set<T>(to, get<T>(to) + own_before), set<T>(f.low, get<T>(f.low) + low_before);
+    } else {
+      put_corners(cells, own_before, low_before);
+    }
+  }
+  for (int c = 0; s.banded && c < s.cols; ++c) {
+    T* const to = f.impulse + s.at(0, c);
+    set<T>(to, get<T>(to) + earlier(get<T>(f.low + c * q)));
+  }
+  (void)none;
+}
+
+template <class T>
+void slow_bending(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
+  constexpr int n = kLanes<T>, q = 3 * n;
+  const V<T> share = load(p.bend) * load(p.bend_share);
+  const int cols = s.cols;
+  for (int r = 0; r < s.rows; ++r) {
+    Bending<T> b(s, r);
+    const T* const row = f.x + s.at(r, 0);
+    const auto x = [&](int down, int c) __attribute__((always_inline)) {
+      return get<T>(row + down * s.stride + c * q);
+    };
+    V3<T> here = x(0, 0), right = x(0, 1), up = x(-1, 0), down = x(1, 0);
+    if (s.periodic) {
+      const V3<T> left = x(0, -1);
+      b.before = b.along * b.second(x(0, -2), left, here), b.now = b.along * b.second(left, here, right);
+      b.twist = b.cell * b.mixed(left, here, x(1, -1), down);
+      b.twist_above = b.cell_above * b.mixed(x(-1, -1), up, left, here);
+    }
+    const auto vertex = [&](int c, T column, bool next, bool inner) __attribute__((always_inline)) {
+      const V3<T> far = x(0, c + 2), up_right = x(-1, c + 1), down_right = x(1, c + 1);
+      const V3<T> none = {};
+      const V3<T> after = inner ? b.along * b.second(here, right, far) : none;
+      const V3<T> twist = next ? b.cell * b.mixed(here, right, down, down_right) : none;
+      const V3<T> twist_above = next ? b.cell_above * b.mixed(up, up_right, here, right) : none;
+      const V3<T> above = b.above * b.second(x(-2, c), up, here), middle = b.here * b.second(up, here, down);
+      const V3<T> below = b.below * b.second(here, down, x(2, c));
+      const V<T> part = V<T>{} + column;
+      const V3<T> force = ((b.now - b.before) + (b.now - after)) + part * ((middle - above) + (middle - below)) +
+                          ((b.twist - twist) + (twist_above - b.twist_above));
+      set<T>(f.impulse + s.at(r, c), share * force);
+      b.before = b.now, b.now = after, b.twist = twist, b.twist_above = twist_above;
+      here = right, right = far, up = up_right, down = down_right;
+    };
+    if (s.periodic) {
+      for (int c = 0; c < cols; ++c) vertex(c, T(1), true, true);
+    } else {
+      vertex(0, T(0.5), true, true);
+      for (int c = 1; c < cols - 2; ++c) vertex(c, T(1), true, true);
+      vertex(cols - 2, T(1), true, false);
+      vertex(cols - 1, T(0.5), false, false);
+    }
+  }
+}
+
+template <class T, bool kBend, Air kAir>
+void slow(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p, const StepTerms<T>& full) {
+  constexpr int n = kLanes<T>, q = 3 * n;
+  ghosts(s, f.x, kBend ? 2 : 0, kBend ? 2 : 1);
+  if constexpr (kAir == kWind) {  // velocities in the middle of the impulse to come, as the last one lets expect
+    const V<T> ahead = load(p.ahead) * load(full.accelerate);
+    for (int r = 0; r < s.rows; ++r) {
+      const V<T> inner = ahead * load(s.inverse_area.data() + r * n);
+      for (int c = 0; c < s.cols; ++c) {
+        const std::ptrdiff_t i = s.at(r, c);
+        const V<T> kick = !s.periodic && (c == 0 || c == s.cols - 1) ? T(2) * inner : inner;
+        set<T>(f.mid + i, get<T>(f.v + i) + kick * get<T>(f.impulse + i));
+      }
+    }
+    ghosts(s, f.mid, 0, 1);
+  }
+  if constexpr (kBend)
+    slow_bending(s, f, p);
+  else
+    for (int r = 0; r < s.rows; ++r) std::fill_n(f.impulse + s.at(r, 0), s.cols * q, T(0));
+  if constexpr (kAir != kStill) slow_air<T, kAir>(s, f, p);
+}
+
+}  // namespace
+}  // namespace LANES
+}  // namespace minicloth
