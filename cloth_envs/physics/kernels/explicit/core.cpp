@@ -17,12 +17,12 @@ template <class T>
 struct Workspace {
   Plane<T> memory;
   Fields<T> prepare(const Strips<T>& s) {
-    const std::size_t line = (s.cols + 2) * 3 * s.width;
-    memory.assign(5 * s.field + 3 * line, T(0));
+    const std::size_t line = (s.cols + 2) * 4 * s.width;
+    memory.assign(5 * s.field + 4 * line, T(0));
     T* at = memory.data();
     Fields<T> f;
     for (T** field : {&f.x, &f.y, &f.v, &f.impulse, &f.mid}) *field = std::exchange(at, at + s.field);
-    for (T** row : {&f.arrive, &f.first, &f.low}) *row = std::exchange(at, at + line) + 3 * s.width;
+    for (T** row : {&f.arrive, &f.first, &f.low, &f.start}) *row = std::exchange(at, at + line) + 4 * s.width;
     return f;
   }
 };

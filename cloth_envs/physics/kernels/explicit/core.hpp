@@ -15,7 +15,8 @@ template <class T>
 struct Fields {
   T *x, *y, *v;             // positions, those `damping` times the velocity later, velocities
   T *impulse, *mid;         // slow forces [N] times substeps, velocities that the air sees
-  T *arrive, *first, *low;  // of edges from the row above, in the first row, of the air on the row below
+  // Rows: what edges from the row above bring, and those of the first row; the air on the row below; where a row was.
+  T *arrive, *first, *low, *start;
 };
 
 template <class T>

@@ -1,5 +1,6 @@
 // One substep of all vertices, in place. Included where it is compiled for an instruction set.
 #pragma once
+#include "../sheet/contact.hpp"
 #include "ghosts.hpp"
 
 namespace minicloth {
@@ -14,13 +15,17 @@ struct Spring {
       : k(k_), half((T(0.5) * length_) * k_), most((T(1.5) * length_) * k_), length(V<T>{} + length_) {}
 };
 
-// k (1 - L / sqrt(square)).
-inline V<float> pull(const V<float>& square, const Spring<float>& s) {
-  const V<float> e = rsqrt_estimate(square);
-  return (((square * e) * e) * s.half - s.most) * e + s.k;
+// k (1 - L / sqrt(square)) of four springs; their instructions are interleaved, so that none waits for the one before.
+inline void pull(V<float> (&q)[4], const Spring<float>* const (&s)[4]) {
+  V<float> e[4], p[4];
+  for (int i = 0; i < 4; ++i) e[i] = rsqrt_estimate(q[i]);
+  for (int i = 0; i < 4; ++i) p[i] = q[i] * e[i];
+  for (int i = 0; i < 4; ++i) p[i] = p[i] * e[i];
+  for (int i = 0; i < 4; ++i) p[i] = p[i] * s[i]->half - s[i]->most;
+  for (int i = 0; i < 4; ++i) q[i] = p[i] * e[i] + s[i]->k;
 }
-inline V<double> pull(const V<double>& square, const Spring<double>& s) {
-  return s.k - s.k * (s.length * rsqrt(square));
+inline void pull(V<double> (&q)[4], const Spring<double>* const (&s)[4]) {
+  for (int i = 0; i < 4; ++i) q[i] = s[i]->k - s[i]->k * (s[i]->length * rsqrt(q[i]));
 }
 
 template <class T>
@@ -28,11 +33,73 @@ inline V<T> square(const V3<T>& d) {
   return d.x * d.x + (d.y * d.y + (d.z * d.z + tiny<T>));
 }
 
+// Contact of `cols` vertices of a row that has moved, from `start`, with one body; y lies to_y beyond x.
+template <class T, Shape kShape>
+void keep_out(const BodyLanes<T>& body, const StepTerms<T>& p, int cols, const T* start, T* x, T* v, T* y) {
+  constexpr int q = 3 * kLanes<T>;
+  const Moving<T> moving(body, load(p.dt));
+  for (int i = 0; i < cols * q; i += q) {
+    if (!may_touch<T, kShape>(body, moving, get<T>(start + i), get<T>(x + i))) continue;
+    V3<T> at = get<T>(x + i), u = get<T>(v + i);
+    touch<T, kShape>(body, moving, get<T>(start + i), at, u);
+    const V<T> damping = load(p.damping);
+    set<T>(x + i, at), set<T>(v + i, u);
+    set<T>(y + i, V3<T>{at.x + damping * u.x, at.y + damping * u.y, at.z + damping * u.z});
+  }
+}
+
+// Contact of a row that has moved with all bodies in turn.
+template <class T>
+void keep_out(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies,
+              int r) {
+  constexpr int q = 3 * kLanes<T>;
+  const V<T> dt = load(p.dt);
+  T *const x = f.x + s.at(r, 0), *const v = f.v + s.at(r, 0), *const y = f.y + s.at(r, 0);
+  for (int i = 0; i < s.cols * q; i += q) {
+    const V3<T> at = get<T>(x + i), u = get<T>(v + i);
+    set<T>(f.start + i, V3<T>{at.x - dt * u.x, at.y - dt * u.y, at.z - dt * u.z});
+  }
+  for (const BodyLanes<T>& body : bodies) {
+    if (body.shape == Shape::kSphere) keep_out<T, Shape::kSphere>(body, p, s.cols, f.start, x, v, y);
+    if (body.shape == Shape::kPlane) keep_out<T, Shape::kPlane>(body, p, s.cols, f.start, x, v, y);
+    if (body.shape == Shape::kCapsule) keep_out<T, Shape::kCapsule>(body, p, s.cols, f.start, x, v, y);
+  }
+}
+
+// What springs pull to: the force is to - over * x, where `over` is the sum of what they pull with over their length.
+template <class T>
+struct Pulls {
+  V3<T> to;
+  V<T> over;
+};
+template <class T>
+inline Pulls<T> operator+(const Pulls<T>& a, const Pulls<T>& b) {
+  return {a.to + b.to, a.over + b.over};
+}
+template <class T>
+inline Pulls<T> towards(const V<T>& p, const V3<T>& x) {
+  return {p * x, p};
+}
+template <class T>
+inline Pulls<T> get_pulls(const T* at) {
+  return {get<T>(at), load(at + 3 * kLanes<T>)};
+}
+template <class T>
+inline void set_pulls(T* at, const Pulls<T>& p) {
+  set<T>(at, p.to), store<T>(at + 3 * kLanes<T>, p.over);
+}
+
+template <class T>
+inline Pulls<T> earlier(const Pulls<T>& p) {
+  const V<T> none = {};
+  return {earlier(p.to), late(none, p.over)};
+}
+
 // Every edge is evaluated once, at the vertex that it leaves towards column + 1, row + 1 or a diagonal, of which all are
 // still where they were; then the vertex moves. f = k (1 - L / |d + damping w|) d: the dashpot lies in the length.
 template <class T, bool kYields, bool kImpulses, bool kBodies>
 void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies) {
-  constexpr int n = kLanes<T>, q = 3 * n;
+  constexpr int n = kLanes<T>, q = 3 * n, w = 4 * n;
   const int cols = s.cols;
   const V<T> none = {};
   const V<T> stretch = load(p.stretch), shear = load(p.shear), damping = load(p.damping);
@@ -43,26 +110,32 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
   T* const arrive = f.arrive;
   ghosts(s, f.x, 0, 1), ghosts(s, f.y, 0, 1);
 
-  // What an edge to d pulls with, over d; e is the same of y.
-  const auto edge = [&](const V3<T>& d, const V3<T>& e, const Spring<T>& spring) __attribute__((always_inline)) {
-    if constexpr (kYields) {
-      const V<T> ratio = spring.length * rsqrt(square<T>(d)), extra = T(1) - ratio;
-      const V<T> shorter = extra < T(0) ? extra : none, limit = -buckling * ratio;
-      const V<T> rate = extra < T(0) ? shortened_damping : none + T(1);
-      const V<T> damped = ratio - spring.length * rsqrt(square<T>(e));
-      return spring.k * (extra + yields * shorter + buckled * (shorter > limit ? shorter : limit) + rate * damped);
+  // What edges to d pull with, over d; e are the same of y.
+  const auto edges = [&](const V3<T> (&d)[4], const V3<T> (&e)[4], const Spring<T>* const (&springs)[4], V<T> (&p)[4])
+                         __attribute__((always_inline)) {
+    for (int i = 0; i < 4; ++i) p[i] = e[i].x * e[i].x + tiny<T>;
+    for (int i = 0; i < 4; ++i) p[i] += e[i].y * e[i].y;
+    for (int i = 0; i < 4; ++i) p[i] += e[i].z * e[i].z;
+    if constexpr (!kYields) {
+      pull(p, springs);
     } else {
-      return pull(square<T>(e), spring);
+      for (int i = 0; i < 4; ++i) {
+        const Spring<T>& spring = *springs[i];
+        const V<T> ratio = spring.length * rsqrt(square<T>(d[i])), extra = T(1) - ratio;
+        const V<T> shorter = extra < T(0) ? extra : none, limit = -buckling * ratio;
+        const V<T> rate = extra < T(0) ? shortened_damping : none + T(1);
+        const V<T> damped = ratio - spring.length * rsqrt(p[i]);
+        p[i] = spring.k * (extra + yields * shorter + buckled * (shorter > limit ? shorter : limit) + rate * damped);
+      }
     }
   };
-  const auto move = [&](T* y, const V3<T>& x, V3<T> force, const V<T>& kick, const V<T>& fall)
+  const auto move = [&](T* y, const V3<T>& x, const Pulls<T>& all, const V<T>& kick, const V<T>& fall)
                         __attribute__((always_inline)) {
     const V3<T> v = get<T>(y + to_v);
+    V3<T> force = all.to - all.over * x;
     if constexpr (kImpulses) force = force + get<T>(y + to_impulse);
-    V3<T> u = {decay * v.x + kick * force.x, decay * v.y + kick * force.y, (decay * v.z - fall) + kick * force.z};
-    V3<T> x1 = {x.x + dt * u.x, x.y + dt * u.y, x.z + dt * u.z};
-    if constexpr (kBodies)
-      for (const BodyLanes<T>& body : bodies) touch(body, dt, x, x1, u);
+    const V3<T> u = {decay * v.x + kick * force.x, decay * v.y + kick * force.y, (decay * v.z - fall) + kick * force.z};
+    const V3<T> x1 = {x.x + dt * u.x, x.y + dt * u.y, x.z + dt * u.z};
     set<T>(y + to_v, u), set<T>(y + to_x, x1);
     set<T>(y, V3<T>{x1.x + damping * u.x, x1.y + damping * u.y, x1.z + damping * u.z});
   };
@@ -73,50 +146,57 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
     const V<T> down_k = stretch * load(s.down.data() + r * n), shear_k = shear * load(s.shear.data() + r * n);
     const Spring<T> along(stretch * load(s.along.data() + r * n), s.col_length), down(down_k, s.row_length);
     const Spring<T> border(T(0.5) * down_k, s.row_length), diagonal(shear_k, s.diagonal), no(none, T(0));
-    V3<T> east_before = {}, down_before = {}, right_before = {};
+    Pulls<T> east_before = {}, down_before = {}, right_before = {};
     T* const row = f.y + s.at(r, 0);
 
     const auto vertex = [&](int c, const Spring<T>& to_east, const Spring<T>& to_south, const Spring<T>& to_right,
                             const Spring<T>& to_left, const V<T>& kick) __attribute__((always_inline)) {
       T *const y0 = row + c * q, *const y1 = y0 + s.stride;
+      const T* const ends[4] = {y0 + q, y1, y1 + q, y1 - q};
       const V3<T> at = get<T>(y0), x = get<T>(y0 + to_x);
-      const V3<T> d0 = get<T>(y0 + q + to_x) - x, d1 = get<T>(y1 + to_x) - x, d2 = get<T>(y1 + q + to_x) - x,
-                  d3 = get<T>(y1 - q + to_x) - x;
-      const V<T> p0 = edge(d0, get<T>(y0 + q) - at, to_east), p1 = edge(d1, get<T>(y1) - at, to_south),
-                 p2 = edge(d2, get<T>(y1 + q) - at, to_right), p3 = edge(d3, get<T>(y1 - q) - at, to_left);
-      const V3<T> east = p0 * d0, south = p1 * d1, right = p2 * d2, left = p3 * d3;
-      const V3<T> force = ((east - east_before) + left) + (south + right);
-      const V3<T> arrived = get<T>(arrive + c * q);
-      set<T>(arrive + (c - 1) * q, down_before + left);
-      east_before = east, down_before = right_before + south, right_before = right;
+      V3<T> d[4], e[4];
+      V<T> p[4];
+      for (int i = 0; i < 4; ++i) e[i] = get<T>(ends[i]) - at;
+      if constexpr (kYields)
+        for (int i = 0; i < 4; ++i) d[i] = get<T>(ends[i] + to_x) - x;
+      edges(d, e, {&to_east, &to_south, &to_right, &to_left}, p);
+      Pulls<T> all = r ? get_pulls<T>(arrive + c * w) + east_before : east_before;
+      for (int i = 0; i < 4; ++i) all = all + towards(p[i], get<T>(ends[i] + to_x));
+      set_pulls<T>(arrive + (c - 1) * w, down_before + towards(p[3], x));
+      east_before = towards(p[0], x), down_before = right_before + towards(p[1], x), right_before = towards(p[2], x);
       if (r == 0)
-        set<T>(f.first + c * q, force);
+        set_pulls<T>(f.first + c * w, all);
       else
-        move(y0, x, force - arrived, kick, fall);
+        move(y0, x, all, kick, fall);
     };
     if (s.periodic) {
       T* const y0 = row - q;  // the edge that goes round
-      const V3<T> d = get<T>(row + to_x) - get<T>(y0 + to_x);
-      east_before = edge(d, get<T>(row) - get<T>(y0), along) * d;
+      const V3<T> d = get<T>(row + to_x) - get<T>(y0 + to_x), e = get<T>(row) - get<T>(y0);
+      V<T> p[4];
+      edges({d, d, d, d}, {e, e, e, e}, {&along, &along, &along, &along}, p);
+      east_before = towards(p[0], get<T>(y0 + to_x));
       for (int c = 0; c < cols; ++c) vertex(c, along, down, diagonal, diagonal, inner);
-      set<T>(arrive + (cols - 1) * q, down_before + get<T>(arrive - q));
-      set<T>(arrive, get<T>(arrive) + right_before);
+      set_pulls<T>(arrive + (cols - 1) * w, down_before + get_pulls<T>(arrive - w));
+      set_pulls<T>(arrive, get_pulls<T>(arrive) + right_before);
     } else {
       vertex(0, along, border, diagonal, no, T(2) * inner);
       for (int c = 1; c < cols - 1; ++c) vertex(c, along, down, diagonal, diagonal, inner);
       vertex(cols - 1, no, border, no, diagonal, T(2) * inner);
-      set<T>(arrive + (cols - 1) * q, down_before);
+      set_pulls<T>(arrive + (cols - 1) * w, down_before);
     }
+    if constexpr (kBodies)
+      if (r) keep_out(s, f, p, bodies, r);
   }
   // The first row waited: what arrives there comes from the last row of the band before.
   const V<T> inner = accelerate * load(s.inverse_area.data()), fall = load(p.gravity_kick) * load(s.inside.data());
   for (int c = 0; c < cols; ++c) {
     T* const y0 = f.y + s.at(0, c);
-    V3<T> force = get<T>(f.first + c * q);
-    if (s.banded) force = force - earlier(get<T>(arrive + c * q));
+    Pulls<T> all = get_pulls<T>(f.first + c * w);
+    if (s.banded) all = all + earlier(get_pulls<T>(arrive + c * w));
     const bool border = !s.periodic && (c == 0 || c == cols - 1);
-    move(y0, get<T>(y0 + to_x), force, border ? T(2) * inner : inner, fall);
+    move(y0, get<T>(y0 + to_x), all, border ? T(2) * inner : inner, fall);
   }
+  if constexpr (kBodies) keep_out(s, f, p, bodies, 0);
 }
 
 }  // namespace
