@@ -17,7 +17,7 @@ class Springs(Solver):
     """Springs, weight and handles in torch, differentiable; no damping, bending, air or bodies."""
 
     def set_materials(self, which, materials):
-        if set(materials) != {self.scene.material} or self.scene.wind or self.scene.colliders:
+        if set(materials) != {self.scene.material} or self.scene.windy or self.scene.colliders:
             raise ValueError("Springs knows one material, no wind and no bodies: choose Curtain, leave randomize out")
 
     def step(self, old, new, controls):  # a frame of symplectic Euler, at the largest stable step

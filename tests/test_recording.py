@@ -156,7 +156,7 @@ def test_layout_is_that_of_the_well(tmp_path: Path) -> None:
 def test_tube_and_bodies_of_a_scene_outside_the_registry(tmp_path: Path) -> None:
     bodies = (cloth_envs.Collider("capsule", 0.1, 0.5, "leg"), cloth_envs.Collider("plane"))
     grid = Grid(5, 8, 0.5, 1.0, periodic=True)
-    scene = cloth_envs.Scene("Mine", grid, cloth_envs.Material(), 0.02, handles=(0, 3), colliders=bodies, drag=False)
+    scene = cloth_envs.Scene("Mine", grid, cloth_envs.Material(), 0.02, handles=(0, 3), colliders=bodies, air=cloth_envs.Air())
     state = cloth_envs.State.still(np.ones((1, 3, 5, 8), np.float32), np.ones((1, 2, 2, 3), np.float32))
     with RolloutWriter(tmp_path / "a.h5", scene) as writer:
         writer.begin()

@@ -8,7 +8,15 @@ import numpy as np
 
 from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
-from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet, stiffness_bound
+from cloth_envs.physics.solver import (
+    PRESSURE,
+    Solver,
+    air_bound,
+    kernel_material,
+    kernel_sheet,
+    pressure_bound,
+    stiffness_bound,
+)
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
@@ -17,23 +25,21 @@ SAFETY = 0.9
 
 
 @lru_cache(maxsize=1024)  # an environment asks before it sets a material
-def stable_step(scene: Scene, material: Material) -> float:
+def stable_step(scene: Scene, material: Material, pressure: float = PRESSURE) -> float:
     """The step ``h`` [s] for which ``h^2 K + 2 h C <= 4 M`` with safety 0.9.
 
     Symplectic Euler with the damping force taken at the old velocity has, for each mode, the
     characteristic polynomial ``z^2 - (2 - h c - h^2 k) z + (1 - h c)``; its roots stay in the unit
     circle while ``h^2 k + 2 h c <= 4``. ``c`` holds the dashpots (``damping`` times the springs'
-    stiffness) and the slope of the wind's force at twice the fastest wind. Every spring adds the larger of what
-    it adds lengthened and shortened, so the step is the smaller one of a sheet of either.
+    stiffness) and the slope of the air's force (``air_bound``). Every spring adds the larger of what
+    it adds lengthened and shortened, so the step is the smaller one of a sheet of either. Where the scene has pressure
+    ``k`` holds that of ``pressure`` [Pa].
     """
     springs, bending = stiffness_bound(scene, material)
-    air = 0.0
-    if scene.wind is not None:
-        coefficient = max(scene.wind.normal, scene.wind.tangential)
-        air = scene.wind.air_density * coefficient * 2 * scene.wind.max_speed / material.areal_density
+    other, air = bending + pressure_bound(scene, material, pressure), air_bound(scene, material)
 
     def step(stiffness: float, damping: float) -> float:
-        k, c = stiffness * springs + bending, damping * material.damping * springs + air
+        k, c = stiffness * springs + other, damping * material.damping * springs + air
         return 2 / (np.sqrt(c * c / 4 + k) + c / 2)
 
     return SAFETY * min(step(1, 1), step(material.compression, material.compression_damping))
@@ -43,15 +49,16 @@ class ExplicitSolver(Solver):
     """Symplectic Euler, ``v += h a(x, v)`` then ``x += h v``, in equal substeps of a frame.
 
     The number of substeps comes from a bound on the spectrum (``stable_step``), so every
-    material that is not refused is stable. Handles and bodies move on cubics through the frame.
+    material that is not refused is stable; a frame in a pressure of over 100 Pa is stepped in as many more as that
+    needs. Handles and bodies move on cubics through the frame.
 
     Args, beside those of ``Solver``:
         substeps: per frame, instead of the largest stable step; not below the stable number.
         refine: multiplies the number of substeps (4 for truth).
 
     Raises:
-        ValueError: a bad argument, or a material so stiff or light that a frame would need more
-            than 20,000 substeps.
+        ValueError: a bad argument, or a material so stiff or light (in ``advance``: a pressure so large) that a frame
+            would need more than 20,000 substeps, or more than ``substeps``.
     """
 
     yields = True
@@ -71,7 +78,8 @@ class ExplicitSolver(Solver):
         self._wanted = None if substeps is None else whole_number("substeps", substeps)
         kernel = kernels.Explicit32 if self.dtype == np.float32 else kernels.Explicit64
         self._kernel = kernel(kernel_sheet(scene))
-        self._felt = [kernel_material(scene, scene.material)] * num_envs
+        self._stepped = [scene.material] * num_envs
+        self._felt = [kernel_material(scene.material)] * num_envs
         self.substeps = np.ones(num_envs, np.int32)
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
@@ -81,20 +89,32 @@ class ExplicitSolver(Solver):
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         for i, m in zip(which, materials, strict=True):
-            self._felt[i], self.substeps[i] = kernel_material(self.scene, m), self._count(m)
+            self._stepped[i], self._felt[i], self.substeps[i] = m, kernel_material(m), self._count(m)
 
-    def _count(self, material: Material) -> int:
+    def _count(self, material: Material, pressure: float = PRESSURE) -> int:
         """Substeps in a frame. Raises ValueError: more than the limit, or fewer wanted than are stable."""
-        least = np.ceil(self.scene.frame_dt / stable_step(self.scene, material))
+        least = np.ceil(self.scene.frame_dt / stable_step(self.scene, material, pressure))
         count = least * self._refine if self._wanted is None else self._wanted
         if count < least:
-            raise ValueError(f"substeps={count} is unstable for this grid and material; use at least {least:.0f}")
+            what = "grid and material" if pressure == PRESSURE else f"grid, material and pressure of {pressure:g} Pa"
+            raise ValueError(f"substeps={count} is unstable for this {what}; use at least {least:.0f}")
         if not count <= MAX_SUBSTEPS:
+            what = "this material" if pressure == PRESSURE else f"a pressure of {pressure:g} Pa"
             raise ValueError(
-                f"this material needs {count:.0f} substeps a frame, the limit is {MAX_SUBSTEPS}: lower its stiffness "
+                f"{what} needs {count:.0f} substeps a frame, the limit is {MAX_SUBSTEPS}: lower its stiffness "
                 "or damping, raise its areal_density, or use a coarser resolution"
             )
         return int(count)
 
+    def _counts(self, pressure: np.ndarray) -> np.ndarray:
+        """Substeps ``(B,)`` of a frame in a ``pressure`` ``(B,)`` [Pa]."""
+        high = abs(pressure) > PRESSURE if self.scene.pressure else np.False_
+        if not high.any():
+            return self.substeps
+        counts = self.substeps.copy()
+        for i in np.flatnonzero(high):
+            counts[i] = self._count(self._stepped[i], float(abs(pressure[i])))
+        return counts
+
     def step(self, old: State, new: State, controls: Controls) -> None:
-        self._kernel.advance(old, new, controls, self._felt, self.substeps, self.threads)
+        self._kernel.advance(old, new, controls, self._felt, self._counts(controls.pressure), self.threads)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cloth_envs.physics.laws.air import pressure_forces, wind_forces
+from cloth_envs.physics.laws.air import air_forces, pressure_forces
 from cloth_envs.physics.laws.bodies import resolve_contact
 from cloth_envs.physics.laws.sheet import (
     Forces,
@@ -48,7 +48,7 @@ def total_forces(scene: Scene, materials: Materials, state: State, wind: np.ndar
     """All forces of the scene but drag and contact, which the step applies to the velocities."""
     grid, x, v = scene.grid, state.positions, state.velocities
     force = spring_forces(grid, materials, x) + damper_forces(grid, materials, x, v) + bend_forces(grid, materials, x)
-    force += gravity_forces(grid, materials, x, scene.gravity) + wind_forces(scene, x, v, wind)
+    force += gravity_forces(grid, materials, x, scene.gravity) + air_forces(scene, x, v, wind)
     return force + pressure_forces(grid, x, pressure) if scene.pressure else force
 
 
@@ -76,7 +76,7 @@ def step(
     old, now = state.astype(np.float64), state.astype(np.float64)
     h = scene.frame_dt / substeps
     mass = masses(scene.grid, materials)
-    decay = values(materials, "drag")[:, :, None, None] * h * scene.drag
+    decay = values(materials, "drag")[:, :, None, None] * h
     push = np.divide(-np.expm1(-decay), decay, out=np.ones_like(decay), where=decay > 0)
     for substep in range(1, substeps + 1):
         s = substep / substeps

@@ -42,7 +42,7 @@ struct Workspace {
 };
 
 template <class T>
-StepTerms<T> terms_of(const Material& m, double gravity, double dt) {
+StepTerms<T> terms_of(const Geometry<T>& g, const Material& m, double gravity, double dt) {
   // Drag is integrated exactly: dv/dt = a - drag v over a substep with a constant.
   const double decay = std::exp(-m.drag * dt);
   const double lag = m.drag > 0 ? -std::expm1(-m.drag * dt) / m.drag : dt;
@@ -53,6 +53,9 @@ StepTerms<T> terms_of(const Material& m, double gravity, double dt) {
           T(m.shear_stiffness),
           T(m.bend_stiffness),
           T(m.damping),
+          g.twist_along * T(m.bend_stiffness * m.twist),
+          g.twist_down * T(m.bend_stiffness * m.twist),
+          g.twist_diagonal * T(m.bend_stiffness * m.twist),
           T(c * q - 1),
           T(c - c * q),
           T(m.buckling_strain),
@@ -81,16 +84,16 @@ void Explicit<T>::advance(const Frame<T>& f, const Material& material, int subst
   g.wrap(now.x), g.wrap(now.v);
 
   const double dt = sheet_.frame_dt / substeps;
-  const StepTerms<T> terms = terms_of<T>(material, sheet_.gravity, dt);
+  const StepTerms<T> terms = terms_of(g, material, sheet_.gravity, dt);
   const AirTerms<T> blow = air_terms(sheet_, f);
-  const bool air = sheet_.wind || sheet_.pressure;
+  const bool air = sheet_.air || sheet_.pressure;
   const auto step = kernels.step[material.yields()][air];
   const auto handles = handles_of(sheet_, f, [&](int vertex) { return g.at(vertex); });
   MovingBodies<T> bodies(sheet_, f, dt);
 
   for (int k = 0; k < substeps; ++k) {
     const double end = double(k + 1) / substeps;
-    if (air) kernels.air[sheet_.wind](g, blow, now, work.air);
+    if (air) kernels.air[sheet_.air](g, blow, now, work.air);
     step(g, terms, now, next, work.air, work.edges);
     for (const BodyStep<T>& body : bodies.to(end)) kernels.contact(g, body, now, next);
     put_positions(handles, end, next.x), put_velocities(handles, end, next.v);

@@ -22,6 +22,7 @@ struct Edges {
 template <class T>
 struct StepTerms {
   T stretch, shear, bend, damping;        // N/m, N/m, N m, s
+  T twist_along, twist_down, twist_diagonal;  // N/m; times the edges' weights, see Geometry
   T yields, buckled, buckling;            // of a shortened spring: see core.cpp
   T shortened_damping;                    // s
   T accelerate, decay, dt, gravity_kick;  // force/area -> dv, v factor, s, dv of gravity
@@ -34,7 +35,7 @@ struct ExplicitLanes {
                         const Cells<T>& air, const Edges<T>& edges);
   Step step[2][2];  // [springs yield under compression][air]
   using Air = void (*)(const Geometry<T>&, const AirTerms<T>&, const Planes<T>& in, const Cells<T>& out);
-  Air air[2];  // [wind]; pressure alone needs no velocities
+  Air air[2];  // [air's resistance]; pressure alone needs no velocities
   void (*contact)(const Geometry<T>&, const BodyStep<T>&, const Planes<T>& in, const Planes<T>& out);
 };
 DECLARE_LANES(ExplicitLanes<float>)

@@ -23,6 +23,7 @@ void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, cons
   const T *along = g.along.data(), *down = g.down.data(), *right = g.right.data(), *left = g.left.data();
   const T *along_near = g.along_near.data(), *down_near = g.down_near.data();
   const T *along_far = g.along_far.data(), *down_far = g.down_far.data(), *inverse_area = g.inverse_area.data();
+  const T twist_along = p.twist_along, twist_down = p.twist_down, twist_diagonal = p.twist_diagonal;
   const T accelerate = p.accelerate, decay = p.decay, dt = p.dt, gravity_kick = p.gravity_kick;
   V3<T> previous = {};
   const bool narrow = s <= kBlock;
@@ -53,10 +54,11 @@ void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, cons
       pull += (rate * dot(d, at(in.v, j) - v)) * (inverse * inverse);
       return (k * pull + linear) * d;
     };
-    const auto east = edge(i + 1, stretch * load(along + i), col_length, bend * load(along_near + i));
-    const auto south = edge(i + s, stretch * load(down + i), row_length, bend * load(down_near + i));
-    const auto south_east = edge(i + s + 1, shear * load(right + i), diagonal, none);
-    const auto south_west = edge(i + s - 1, shear * load(left + i), diagonal, none);
+    const V<T> a = load(along + i), b = load(down + i), r = load(right + i), l = load(left + i);
+    const auto east = edge(i + 1, stretch * a, col_length, bend * load(along_near + i) + twist_along * a);
+    const auto south = edge(i + s, stretch * b, row_length, bend * load(down_near + i) + twist_down * b);
+    const auto south_east = edge(i + s + 1, shear * r, diagonal, twist_diagonal * r);
+    const auto south_west = edge(i + s - 1, shear * l, diagonal, twist_diagonal * l);
     pass(edges.down, south);
     pass(edges.right, south_east);
     pass(edges.left, south_west);
@@ -98,7 +100,7 @@ void step(const Geometry<T>& g, const StepTerms<T>& p, const Planes<T>& in, cons
 template <class T>
 const ExplicitLanes<T> table = {
     {{step<T, false, false>, step<T, false, true>}, {step<T, true, false>, step<T, true, true>}},
-    {pressure<T>, wind_and_pressure<T>},
+    {pressure<T>, air_and_pressure<T>},
     contact<T>,
 };
 
