@@ -54,12 +54,13 @@ class Frozen:
     def potential(self, base: np.ndarray, along: np.ndarray) -> kernels.Potential:
         potential = kernels.Potential(kernel_sheet(self.scene))
         potential.begin(
-            material=kernel_material(self.scene, SOFT),
+            material=kernel_material(SOFT),
             tau=self.tau,
             inertia=self.inertia,
             base=base.ravel(),
             along=along.ravel(),
             target=self.target.ravel().copy(),
+            velocity=self.state.velocities.ravel(),
             wind=self.blow,
             pressure=self.pressure,
         )

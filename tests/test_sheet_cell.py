@@ -10,7 +10,7 @@ import torch
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.laws.air import pressure_forces, air_forces
+from cloth_envs.physics.laws import air
 from cloth_envs.physics.laws.bodies import resolve_body
 from cloth_envs.physics.laws.step import total_forces
 from cloth_envs.registry import SCENES, make_backend
@@ -52,8 +52,8 @@ def test_forces_are_the_references() -> None:
     assert abs(got - want).max() < 64 * EPS * abs(want).max()
     wind, pressure = np.array([[3.0, -2.0, 1.0], [0.0, 6.0, -1.0]]), np.array([30.0, -8.0])
     got = air_forces(SCENE, x, v, torch.from_numpy(wind), torch.from_numpy(pressure)).numpy()
-    want = air_forces(SCENE, state.positions, state.velocities, wind)
-    want = want + pressure_forces(SCENE.grid, state.positions, pressure)
+    want = air.air_forces(SCENE, state.positions, state.velocities, wind)
+    want = want + air.pressure_forces(SCENE.grid, state.positions, pressure)
     assert abs(got - want).max() < 64 * EPS * abs(want).max()
 
 

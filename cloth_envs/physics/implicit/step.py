@@ -120,6 +120,7 @@ class ImplicitStep:
         base[:, held] = place - self.tau * speed
         carried = bodies0 + rest / self.tau * (bodies1 - bodies0)
         along, slide = x + self.h * v1, v + self.h * acceleration
+        slide[:, held] = speed
         return self._stage(drive, secants, x, base, v + rest * acceleration, slide, along, bodies0, carried, s1)[:2]
 
     def _stage(
