@@ -43,7 +43,7 @@ def properties(materials: Sequence[Material], like: Tensor) -> dict[str, Tensor]
 
 
 class SheetCell(nn.Module):
-    """Forces of stretch, shear, damping and bending, and the weight, times ``numbers`` ``(18,)`` (of ``CLASSES``).
+    """Forces of stretch, shear, damping and bending, and the weight, times ``numbers`` ``(17,)`` (of ``CLASSES``).
 
     On an edge ``f = k alpha d - k L beta n + c k gamma (w . n) n``, with ``n = d / |d|``; all numbers are 1 (the
     sideways biases 0) on the reference. Where the material yields, a shortened edge has less of the first two and more
@@ -92,15 +92,16 @@ class SheetCell(nn.Module):
             rate = damping * (w * d).sum(1, keepdim=True) * inverse * inverse
             force = sheets[edge.modulus] * share * (pull + rate) * d
             total = total + place(force, first, self.shape) - place(force, second, self.shape)
-        twists = 1.0, 1.0, sheets["twist"]
-        for k, (places, times, twist) in enumerate(zip(BENDS, DIFFERENCES, twists, strict=True), len(ENDS)):
+        along, down = self.numbers[12:14]
+        bends = along, down, (along + down) / 2 * sheets["twist"]
+        for k, (places, times, bend) in enumerate(zip(BENDS, DIFFERENCES, bends, strict=True), len(ENDS)):
             share = getattr(self, f"share{k}")
             difference = sum(n * cut(x, at, share.shape) for n, at in zip(times, places, strict=True))
-            force = self.numbers[8 + k] * sheets["bend_stiffness"] * twist * share * difference
+            force = bend * sheets["bend_stiffness"] * share * difference
             for n, at in zip(times, places, strict=True):
                 total = total - n * place(force, at, self.shape)
         signs = self.numbers.new_tensor([1.0, 1.0, -1.0])
-        return total + self.gravity * self.mass(sheets) * (signs * self.numbers[15:])[:, None, None]
+        return total + self.gravity * self.mass(sheets) * (signs * self.numbers[14:])[:, None, None]
 
     def mass(self, sheets: Mapping[str, Tensor]) -> Tensor:
         """Lumped masses ``(B, 1, H, W)`` [kg]."""

@@ -24,7 +24,7 @@ FRAMES = (2, 5, 8, 12, 16, 20, 25, 30, 35, 40)
 
 
 def columns(scene: Scene, x: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """What every number of ``CLASSES`` multiplies, as accelerations ``(18, 3 N)``, from ``x``, ``v`` ``(3, N)``.
+    """What every number of ``CLASSES`` multiplies, as accelerations ``(17, 3 N)``, from ``x``, ``v`` ``(3, N)``.
 
     All numbers are 1 on the reference; shares of edges, masses and borders are geometry, taken from ``stencil``.
     """
@@ -44,8 +44,8 @@ def columns(scene: Scene, x: np.ndarray, v: np.ndarray) -> np.ndarray:
             found[k][:, vertices] += share * second
     q = quads(scene.grid)
     mixed = x[:, q.upper_left] - x[:, q.upper_right] - x[:, q.lower_left] + x[:, q.lower_right]
-    for vertices, share in zip(q[:4], (-1, 1, 1, -1), strict=True):
-        found[14][:, vertices] += share * material.bend_stiffness * material.twist * q.weight * mixed
+    for vertices, share in zip(q[:4], (-0.5, 0.5, 0.5, -0.5), strict=True):
+        found[12:14, :, vertices] += share * material.bend_stiffness * material.twist * q.weight * mixed
     found /= mass
     found[-3:] = scene.gravity * np.array([1.0, 1.0, -1.0])[:, None, None] * np.eye(3)[:, :, None]
     return found.reshape(len(CLASSES), -1)
@@ -80,7 +80,7 @@ class Identified(NamedTuple):
 
 
 def data(name: str, seed: int, frames: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Columns ``(18, R)`` and accelerations ``(R,)`` of states on an episode with smooth actions."""
+    """Columns ``(17, R)`` and accelerations ``(R,)`` of states on an episode with smooth actions."""
     run = Case(name, seed, truth="plain").record(max(frames), frames)
     substeps, blocks, wanted = int(ExplicitSolver(run.scene).substeps[0]), [], []
     for frame in frames:
