@@ -185,3 +185,26 @@ def test_pressure_pushes_along_the_normal() -> None:
     force = pressure_forces(grid, x, np.array([7.0]))
     np.testing.assert_allclose(force.sum((2, 3))[0], [0, 0, 7.0 * 0.6 * 0.8], atol=1e-14)
     np.testing.assert_allclose(force[0, 2, 1:-1, 1:-1], 7.0 * grid.row_spacing * grid.col_spacing)
+
+
+@pytest.mark.parametrize("shape", [(5, 6), (9, 16)])
+def test_twist_costs_what_that_of_a_plate_does(shape: tuple[int, int]) -> None:
+    grid, stiffness, twist = Grid(*shape, 0.5, 0.9), 1e-3, 0.7
+    r, c = np.indices(shape)
+    z = twist * (r * grid.row_spacing) * (c * grid.col_spacing)
+    x = np.stack([c * grid.col_spacing, r * grid.row_spacing, z])[None]
+    # B/2 (k_xx^2 + k_yy^2 + 2 k_xy^2) per area; on a grid z = k x y has the mixed difference k a b exactly.
+    energy = bend_energy(grid, [Material(bend_stiffness=stiffness)], x)[0]
+    assert energy == pytest.approx(stiffness * twist**2 * 0.5 * 0.9, rel=1e-10)
+    assert bend_energy(grid, [Material(bend_stiffness=stiffness, twist=0.0)], x)[0] == pytest.approx(0, abs=1e-15)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 20.0, 45.0, 90.0])
+def test_a_cylinder_costs_the_same_in_every_direction(degrees: float) -> None:
+    n, curvature, angle = 41, 0.1, np.radians(degrees)
+    grid = Grid(n, n, 1.0, 1.0)
+    r, c = np.indices(grid.shape) * grid.row_spacing
+    z = curvature / 2 * (np.cos(angle) * c + np.sin(angle) * r) ** 2
+    energy = bend_energy(grid, [Material(bend_stiffness=1e-3)], np.stack([c, r, z])[None])[0]
+    # Second differences end a spacing before the border: 1/40 of the area has none of one kind.
+    assert energy == pytest.approx(1e-3 / 2 * curvature**2, rel=1.001 / 40)
