@@ -32,7 +32,7 @@ class Material:
         post_buckling: what is left of it then, 0 to 1.
         compression_damping: damping of a shortened spring over that of a lengthened one: wrinkles have to be moved
             when they open or close.
-        twist: stiffness against twist over that of an isotropic plate of the same ``bend_stiffness``. At 1 bending costs
+        twist: stiffness against twist over that of an isotropic plate of this ``bend_stiffness``. At 1 bending costs
             the same along threads and on the bias; at 0 rows and columns bend on their own.
 
     Raises:

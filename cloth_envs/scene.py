@@ -32,7 +32,8 @@ class Air:
     max_wind: float = 0.0
 
     def __str__(self) -> str:
-        return f"density {self.density:g} kg/m^3, normal {self.normal:g}, lift {self.lift:g}, tangential {self.tangential:g}"
+        coefficients = f"normal {self.normal:g}, lift {self.lift:g}, tangential {self.tangential:g}"
+        return f"density {self.density:g} kg/m^3, {coefficients}"
 
 
 @dataclass(frozen=True)

@@ -355,7 +355,9 @@ def test_a_sheet_comes_to_rest_on_a_table() -> None:
 
 def test_members_and_threads_do_not_matter() -> None:
     grid = Grid(9, 11, 0.5, 0.6)
-    scene = Scene("batch", grid, CLOTH, 0.02, handles=(0, 10), colliders=(Collider("sphere", 0.1),), air=Air(max_wind=12.0))
+    scene = Scene(
+        "batch", grid, CLOTH, 0.02, handles=(0, 10), colliders=(Collider("sphere", 0.1),), air=Air(max_wind=12.0)
+    )
     materials = [CLOTH, Material(), CLOTH.with_changes(areal_density=0.1)]
     one = State.still(flat(grid), np.tile([0.3, -0.25, -0.11], (1, 1, 2, 1)))
     states = one.select([0, 0, 0])

@@ -9,7 +9,7 @@ import pytest
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.laws.air import pressure_energy, pressure_forces, air_forces
+from cloth_envs.physics.laws.air import air_forces, pressure_energy, pressure_forces
 from cloth_envs.physics.laws.sheet import (
     bend_energy,
     bend_forces,

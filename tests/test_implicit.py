@@ -126,7 +126,9 @@ def test_too_few_iterations_are_told() -> None:
     assert solver.residual[0] > 0.1
 
 
-@pytest.mark.parametrize("terms", [{}, {"air": Air(max_wind=12.0)}, {"pressure": True}], ids=["springs", "wind", "pressure"])
+@pytest.mark.parametrize(
+    "terms", [{}, {"air": Air(max_wind=12.0)}, {"pressure": True}], ids=["springs", "wind", "pressure"]
+)
 def test_orders_of_convergence_to_the_explicit_solver(terms: dict[str, Any]) -> None:
     grid = Grid(5, 4, 0.4, 0.3)
     scene = Scene("order", grid, SOFT, 0.04, (0, 3), **terms)

@@ -147,7 +147,7 @@ def test_one_substep_of_contact(kind: str, friction: float) -> None:
 def test_a_frame_of_everything(grid: Grid, dtype: str) -> None:
     bodies = (Collider("sphere", 0.1, 0.4), Collider("plane", friction=0.2), Collider("capsule", 0.06, 0.3))
     scene = Scene(
-        "all", grid, SHEETS[0], 2e-3, handles=(0, grid.cols - 1, grid.vertices - 2), air=Air(max_wind=12.0), pressure=True,
+        "all", grid, SHEETS[0], 2e-3, handles=(0, grid.cols - 1, grid.vertices - 2), air=Air(), pressure=True,
         colliders=bodies,
     )  # fmt: skip
     state = with_bodies(crumpled(grid, len(SHEETS), 0.1), bodies)

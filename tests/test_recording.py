@@ -68,9 +68,7 @@ def test_actions_and_rewards_lead_to_their_frame(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_a_file_of_an_earlier_layout_still_reads(
-    version: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_of_an_earlier_layout_still_reads(version: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """``data/rollout_layout_2.h5`` is of that package: seeds 0 and None, three actions each. 1 held float32."""
     path = tmp_path / "old.h5"
     shutil.copy(Path(__file__).parent / "data" / "rollout_layout_2.h5", path)
@@ -164,7 +162,9 @@ def test_layout_is_that_of_the_well(tmp_path: Path) -> None:
 def test_tube_and_bodies_of_a_scene_outside_the_registry(tmp_path: Path) -> None:
     bodies = (cloth_envs.Collider("capsule", 0.1, 0.5, "leg"), cloth_envs.Collider("plane"))
     grid = Grid(5, 8, 0.5, 1.0, periodic=True)
-    scene = cloth_envs.Scene("Mine", grid, cloth_envs.Material(), 0.02, handles=(0, 3), colliders=bodies, air=cloth_envs.Air())
+    scene = cloth_envs.Scene(
+        "Mine", grid, cloth_envs.Material(), 0.02, handles=(0, 3), colliders=bodies, air=cloth_envs.Air()
+    )
     state = cloth_envs.State.still(np.ones((1, 3, 5, 8), np.float32), np.ones((1, 2, 2, 3), np.float32))
     with RolloutWriter(tmp_path / "a.h5", scene) as writer:
         writer.begin()

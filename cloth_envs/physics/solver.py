@@ -117,25 +117,30 @@ def stiffness_bound(scene: Scene, material: Material) -> tuple[float, float]:
     return springs, bending / material.areal_density
 
 
-def air_bound(scene: Scene, material: Material) -> float:
+def air_bound(scene: Scene, material: Material, pressure: float = PRESSURE) -> float:
     """Upper bound on the slope of the air's force over the velocity and the mass [1/s], at twice the fastest wind.
 
-    In still air cloth is taken to move at up to ``FASTEST``. A triangle's force has the slopes ``rho/2 A`` times
+    In still air cloth is taken to move at up to ``FASTEST``, and faster by what a ``pressure`` [Pa] can drive it to, at
+    which ``rho/2 C_n v^2`` balances it. A triangle's force has the slopes ``rho/2 A`` times
     ``2 C_n |u_n| + C_l |u_t|`` and ``C_l u_n`` along its normal, ``2 C_t |u_t|`` and ``C_t |u_t|`` in its plane. Their
     matrix over ``rho A |u|`` is at most ``hypot(C_n, C_l / sqrt 2)``, or ``C_t`` with friction alone.
     """
     if scene.air is None:
         return 0.0
-    slope = max(np.hypot(scene.air.normal, scene.air.lift / np.sqrt(2)), scene.air.tangential)
-    return float(scene.air.density * slope * max(2 * scene.air.max_wind, FASTEST) / material.areal_density)
+    air, speed = scene.air, max(2 * scene.air.max_wind, FASTEST)
+    slope = max(np.hypot(air.normal, air.lift / np.sqrt(2)), air.tangential)
+    if scene.pressure and air.density * air.normal > 0:
+        speed += np.sqrt(2 * abs(pressure) / (air.density * air.normal))
+    return float(air.density * slope * speed / material.areal_density)
 
 
 def pressure_bound(scene: Scene, material: Material, pressure: float = PRESSURE) -> float:
     """Upper bound on ``M^-1 K`` of a pressure up to ``pressure`` [Pa] either way [1/s^2].
 
     A facet's force on each of its corners is ``p / 12 (x1 - x0) x (x2 - x0)``, whose slope has the norm
-    ``p / 12 sqrt(3 (e0^2 + e1^2 + e2^2))``, symmetric or not, with the edges ``e`` of a right triangle ``p d / sqrt 24``
-    at rest. A corner lies in three of a cell's four facets: ``sqrt(3 / 8) p d`` over a quarter of the cell's mass.
+    ``p / 12 sqrt(3 (e0^2 + e1^2 + e2^2))``, symmetric or not, with the edges ``e``: of a right triangle at rest
+    ``p d / sqrt 24``. A corner lies in three of a cell's four facets: ``sqrt(3 / 8) p d`` over a quarter of a cell's
+    mass.
     """
     if not scene.pressure:
         return 0.0

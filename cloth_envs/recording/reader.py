@@ -123,6 +123,7 @@ class Rollout(AbstractContextManager["Rollout"]):
     def material(self, trajectory: int = 0) -> Material:
         """The material of one trajectory."""
         self.length(trajectory)
+
         def look(file: h5py.File) -> Material:
             kept = [name for name in PROPERTIES if f"scalars/{name}" in file]
             values = {name: float(file[f"scalars/{name}"][trajectory]) for name in kept}

@@ -10,7 +10,7 @@ from worlds import THREADS, flat, frequency, rates, run, simulate
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import FABRICS, Material
-from cloth_envs.physics.laws.air import pressure_forces, air_forces
+from cloth_envs.physics.laws.air import air_forces, pressure_forces
 from cloth_envs.physics.laws.sheet import (
     bend_energy,
     damper_forces,

@@ -44,8 +44,8 @@ def columns(scene: Scene, x: np.ndarray, v: np.ndarray) -> np.ndarray:
             found[k][:, vertices] += share * second
     q = quads(scene.grid)
     mixed = x[:, q.upper_left] - x[:, q.upper_right] - x[:, q.lower_left] + x[:, q.lower_right]
-    for vertices, share in zip(q[:4], (-0.5, 0.5, 0.5, -0.5), strict=True):
-        found[12:14, :, vertices] += share * material.bend_stiffness * material.twist * q.weight * mixed
+    for vertices, sign in zip(q[:4], (-1, 1, 1, -1), strict=True):
+        found[12:14, :, vertices] += sign * material.bend_stiffness * material.twist * q.weight / 2 * mixed
     found /= mass
     found[-3:] = scene.gravity * np.array([1.0, 1.0, -1.0])[:, None, None] * np.eye(3)[:, :, None]
     return found.reshape(len(CLASSES), -1)

@@ -8,8 +8,10 @@ import numpy as np
 
 from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
+from cloth_envs.physics.laws.diagnostics import strains
 from cloth_envs.physics.solver import (
     PRESSURE,
+    STRETCH,
     Solver,
     air_bound,
     kernel_material,
@@ -36,7 +38,7 @@ def stable_step(scene: Scene, material: Material, pressure: float = PRESSURE) ->
     ``k`` holds that of ``pressure`` [Pa].
     """
     springs, bending = stiffness_bound(scene, material)
-    other, air = bending + pressure_bound(scene, material, pressure), air_bound(scene, material)
+    other, air = bending + pressure_bound(scene, material, pressure), air_bound(scene, material, pressure)
 
     def step(stiffness: float, damping: float) -> float:
         k, c = stiffness * springs + other, damping * material.damping * springs + air
@@ -58,7 +60,7 @@ class ExplicitSolver(Solver):
 
     Raises:
         ValueError: a bad argument, or a material so stiff or light (in ``advance``: a pressure so large) that a frame
-            would need more than 20,000 substeps, or more than ``substeps``.
+            would need more than 20,000 substeps, or more than ``substeps``; a cloth burst by more than 100 Pa.
     """
 
     yields = True
@@ -91,30 +93,43 @@ class ExplicitSolver(Solver):
         for i, m in zip(which, materials, strict=True):
             self._stepped[i], self._felt[i], self.substeps[i] = m, kernel_material(m), self._count(m)
 
-    def _count(self, material: Material, pressure: float = PRESSURE) -> int:
+    def _count(self, material: Material, pressure: float = PRESSURE, cause: str = "this material") -> int:
         """Substeps in a frame. Raises ValueError: more than the limit, or fewer wanted than are stable."""
         least = np.ceil(self.scene.frame_dt / stable_step(self.scene, material, pressure))
         count = least * self._refine if self._wanted is None else self._wanted
         if count < least:
-            what = "grid and material" if pressure == PRESSURE else f"grid, material and pressure of {pressure:g} Pa"
-            raise ValueError(f"substeps={count} is unstable for this {what}; use at least {least:.0f}")
+            what = cause.removeprefix("this ")
+            raise ValueError(f"substeps={count} is unstable for this grid and {what}; use at least {least:.0f}")
         if not count <= MAX_SUBSTEPS:
-            what = "this material" if pressure == PRESSURE else f"a pressure of {pressure:g} Pa"
             raise ValueError(
-                f"{what} needs {count:.0f} substeps a frame, the limit is {MAX_SUBSTEPS}: lower its stiffness "
+                f"{cause} needs {count:.0f} substeps a frame, the limit is {MAX_SUBSTEPS}: lower its stiffness "
                 "or damping, raise its areal_density, or use a coarser resolution"
             )
         return int(count)
 
-    def _counts(self, pressure: np.ndarray) -> np.ndarray:
-        """Substeps ``(B,)`` of a frame in a ``pressure`` ``(B,)`` [Pa]."""
+    def _counts(self, positions: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+        """Substeps ``(B,)`` of a frame from ``positions`` in a ``pressure`` ``(B,)`` [Pa].
+
+        What pressure does grows with the edges' lengths: they may double in a frame.
+        """
         high = abs(pressure) > PRESSURE if self.scene.pressure else np.False_
         if not high.any():
             return self.substeps
         counts = self.substeps.copy()
         for i in np.flatnonzero(high):
-            counts[i] = self._count(self._stepped[i], float(abs(pressure[i])))
+            with np.errstate(all="ignore"):
+                stretch = 1 + strains(self.scene.grid, positions[[i]]).max()
+                load = abs(pressure[i]) * max(2 * stretch / STRETCH, 1.0)
+                load = 2 ** (np.ceil(4 * np.log2(load)) / 4)  # few different ones
+            cause = f"a pressure of {pressure[i]:g} Pa on cloth that it stretched {stretch:.3g} times"
+            counts[i] = self._count(self._stepped[i], float(load), cause)
         return counts
 
     def step(self, old: State, new: State, controls: Controls) -> None:
-        self._kernel.advance(old, new, controls, self._felt, self._counts(controls.pressure), self.threads)
+        counts = self._counts(old.positions, controls.pressure)
+        self._kernel.advance(old, new, controls, self._felt, counts, self.threads)
+        if counts is not self.substeps and not np.isfinite(new.positions).all():
+            raise ValueError(
+                f"a pressure of {abs(controls.pressure).max():g} Pa burst the cloth: lower it, raise the cloth's "
+                "stretch_stiffness, or give a larger refine"
+            )

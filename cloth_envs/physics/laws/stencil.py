@@ -91,5 +91,5 @@ def quads(grid: Grid) -> Quads:
     """Mixed differences, one a cell: ``a b z_xy`` each, and ``B z_xy^2 a b`` is what a plate's twist costs there."""
     number = np.arange(grid.vertices).reshape(grid.shape)
     right, inside = np.roll(number, -1, axis=1), slice(None, grid.cells[1])
-    corners = (part[rows, inside].ravel() for rows in (slice(-1), slice(1, None)) for part in (number, right))
-    return Quads(*corners, weight=2 / (grid.row_spacing * grid.col_spacing))
+    ul, ur, ll, lr = (part[rows, inside].ravel() for rows in (slice(-1), slice(1, None)) for part in (number, right))
+    return Quads(ul, ur, ll, lr, 2 / (grid.row_spacing * grid.col_spacing))

@@ -45,8 +45,7 @@ void local(const Geometry<T>& g, const LocalTerms<T>& p, const T* area, T* const
       return pull;
     };
     const V<T> none = {}, a = load(along + i), b = load(down + i), r = load(right + i), l = load(left + i);
-    const auto east =
-        edge(0, i + 1, stretch * a, kBending ? bend * load(along_near + i) + p.twist_along * a : none);
+    const auto east = edge(0, i + 1, stretch * a, kBending ? bend * load(along_near + i) + p.twist_along * a : none);
     V3<T> f = east - V3<T>{late(previous.x, east.x), late(previous.y, east.y), late(previous.z, east.z)};
     previous = east;
     const auto south = edge(1, i + s, stretch * b, kBending ? bend * load(down_near + i) + p.twist_down * b : none);

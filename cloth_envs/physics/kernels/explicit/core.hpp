@@ -21,11 +21,11 @@ struct Edges {
 
 template <class T>
 struct StepTerms {
-  T stretch, shear, bend, damping;        // N/m, N/m, N m, s
+  T stretch, shear, bend, damping;            // N/m, N/m, N m, s
   T twist_along, twist_down, twist_diagonal;  // N/m; times the edges' weights, see Geometry
-  T yields, buckled, buckling;            // of a shortened spring: see core.cpp
-  T shortened_damping;                    // s
-  T accelerate, decay, dt, gravity_kick;  // force/area -> dv, v factor, s, dv of gravity
+  T yields, buckled, buckling;                // of a shortened spring: see core.cpp
+  T shortened_damping;                        // s
+  T accelerate, decay, dt, gravity_kick;      // force/area -> dv, v factor, s, dv of gravity
 };
 
 template <class T>

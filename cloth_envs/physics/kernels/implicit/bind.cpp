@@ -32,7 +32,14 @@ void bind_implicit(nb::module_& m) {
             need_flat(p.vertices(), base, along, target, velocity);
             need(shaped(wind, {3}), "wind must be (3,)");
             const double* w = wind.data();
-            p.begin({material, tau, inertia, base.data(), along.data(), target.data(), velocity.data(), {w[0], w[1], w[2]},
+            p.begin({material,
+                     tau,
+                     inertia,
+                     base.data(),
+                     along.data(),
+                     target.data(),
+                     velocity.data(),
+                     {w[0], w[1], w[2]},
                      pressure});
           },
           nb::kw_only(), nb::arg("material"), nb::arg("tau"), nb::arg("inertia"), nb::arg("base"), nb::arg("along"),

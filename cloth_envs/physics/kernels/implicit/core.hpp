@@ -28,8 +28,8 @@ struct ImplicitLanes {
   // b |x_j - x_i|^2 / 2, with j = i + offset.
   double (*linear)(const double* x, double* g, std::size_t size, int begin, int end, int offset, const double* bend);
   // The air on facets of three corners: see air_energy in sheet/air.hpp.
-  double (*air)(const double* v, double* g, std::size_t size, int begin, int end, const int* corners,
-                 const double* air, double normal, double tangential, double w0, double w1, double w2);
+  double (*air)(const double* v, double* g, std::size_t size, int begin, int end, const int* corners, const double* air,
+                double normal, double tangential, double w0, double w1, double w2);
 };
 DECLARE_LANES(ImplicitLanes)
 

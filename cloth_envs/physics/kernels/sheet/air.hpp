@@ -1,6 +1,7 @@
-// What the air does to a triangle, by its resistance (cloth_envs.physics.laws.air) and by pressure, and that on the four
-// triangles of each cell that its two diagonals make, each with half its force: a mirrored cloth then feels mirrored air.
-// Corners are numbered 0 upper left, 1 upper right, 2 lower right, 3 lower left; triangle k is the one without corner k.
+// What the air does to a triangle, by its resistance (cloth_envs.physics.laws.air) and by pressure, and that on the
+// four triangles of each cell that its two diagonals make, each with half its force: a mirrored cloth then feels
+// mirrored air. Corners are numbered 0 upper left, 1 upper right, 2 lower right, 3 lower left; triangle k is the one
+// without corner k.
 #pragma once
 #include "../base/geometry.hpp"
 #include "sheet.hpp"
@@ -109,14 +110,15 @@ void pressure(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, c
 
 template <class T>
 void air_and_pressure(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Cells<T>& out) {
-  facets<T, true>(g, p, in, out, [&](const V3<T>& n, const V3<T>& u)
-                                     __attribute__((always_inline)) { return air_force(n, u, p); });
+  facets<T, true>(g, p, in, out,
+                  [&](const V3<T>& n, const V3<T>& u) __attribute__((always_inline)) { return air_force(n, u, p); });
 }
 
 template <class T>
 void slowed_air_and_pressure(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Cells<T>& out) {
-  facets<T, true>(g, p, in, out, [&](const V3<T>& n, const V3<T>& u)
-                                     __attribute__((always_inline)) { return slowed_air_force(n, u, p); });
+  facets<T, true>(g, p, in, out, [&](const V3<T>& n, const V3<T>& u) __attribute__((always_inline)) {
+    return slowed_air_force(n, u, p);
+  });
 }
 
 // The energy whose gradient the air's force is in an implicit step:
