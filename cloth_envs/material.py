@@ -24,7 +24,7 @@ class Material:
         bend_stiffness: moment per width and curvature [N m].
         damping: Kelvin-Voigt relaxation time of stretch and shear [s]; an edge of stiffness ``k``
             has a dashpot ``damping * k``.
-        drag: rate at which still air slows the cloth [1/s].
+        drag: rate at which velocities decay [1/s], on top of what a scene's air does.
         compression: stiffness of the springs when they are shortened over that when they are lengthened, 0 to 1. A
             wrinkled sheet hardly resists compression (Pipkin 1986); a grid too coarse for its wrinkles needs less
             than 1 to move like it.
@@ -32,6 +32,8 @@ class Material:
         post_buckling: what is left of it then, 0 to 1.
         compression_damping: damping of a shortened spring over that of a lengthened one: wrinkles have to be moved
             when they open or close.
+        twist: stiffness against twist over that of an isotropic plate of this ``bend_stiffness``. At 1 bending costs
+            the same along threads and on the bias; at 0 rows and columns bend on their own.
 
     Raises:
         ValueError: a value that is not finite, negative, (density, stretch) not positive or (compression,
@@ -43,11 +45,12 @@ class Material:
     shear_stiffness: float = 150.0
     bend_stiffness: float = 2e-5
     damping: float = 5e-5
-    drag: float = 0.5
+    drag: float = 0.0
     compression: float = 1.0
     buckling_strain: float = 1.0
     post_buckling: float = 1.0
     compression_damping: float = 1.0
+    twist: float = 1.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -110,9 +113,10 @@ USUAL: dict[str, tuple[float, float, str]] = {
     "shear_stiffness": (0.1, 2e4, "N/m: 1 gf/cm/degree is written 56"),
     "bend_stiffness": (1e-8, 0.01, "N m: 0.1 gf cm^2/cm is written 9.8e-6"),
     "damping": (0.0, 0.01, "s: a relaxation time, no damping ratio, such as 5e-5"),
-    "drag": (0.0, 20.0, "1/s: the rate at which still air slows the cloth, such as 0.5"),
+    "drag": (0.0, 20.0, "1/s: the rate at which velocities decay, such as 0.5; scenes have their air besides"),
     "buckling_strain": (0.0, 1.0, "a share of the length: 3 % is written 0.03"),
     "compression_damping": (0.0, 8.0, "a ratio of two dampings, such as 4"),
+    "twist": (0.0, 2.0, "over that of an isotropic plate: 1"),
 }
 
 # Density, shear and bending follow KES-F measurements of such cloths (Kawabata 1980: shear
@@ -121,11 +125,11 @@ USUAL: dict[str, tuple[float, float, str]] = {
 # half already gains less than 1 % under its own weight, and the stable step stays long.
 FABRICS: dict[str, Material] = {
     "default": Material(),
-    "silk": Material(0.07, 300.0, 20.0, 3e-6, 5e-5, 1.2),
-    "cotton": Material(0.13, 500.0, 50.0, 8e-6, 5e-5, 0.8),
-    "wool": Material(0.25, 600.0, 60.0, 1.5e-5, 8e-5, 0.5),
-    "denim": Material(0.40, 1500.0, 250.0, 6e-5, 8e-5, 0.3),
-    "leather": Material(0.70, 3000.0, 900.0, 4e-4, 1e-4, 0.2),
+    "silk": Material(0.07, 300.0, 20.0, 3e-6, 5e-5),
+    "cotton": Material(0.13, 500.0, 50.0, 8e-6, 5e-5),
+    "wool": Material(0.25, 600.0, 60.0, 1.5e-5, 8e-5),
+    "denim": Material(0.40, 1500.0, 250.0, 6e-5, 8e-5),
+    "leather": Material(0.70, 3000.0, 900.0, 4e-4, 1e-4),
 }
 
 

@@ -12,16 +12,28 @@ GRAVITY = 9.81  # m/s^2
 
 
 @dataclass(frozen=True)
-class Wind:
-    """Wind on triangles (Wejchert & Haumann 1991): air density [kg/m^3], normal and tangential coefficient.
+class Air:
+    """The air around the cloth, still or blowing, on triangles that move through it with ``u`` at an angle ``a``.
 
-    ``max_speed`` [m/s] is the fastest wind that the scene can blow; the stable step allows for it.
+    The pressure along the normal is ``rho/2 |u|^2 (normal sin^2 a + lift sin a cos a)``, the drag of a plate across the
+    flow and its lift (Polhamus 1966, as Wejchert & Haumann 1991 without the lift); the friction along the surface
+    ``rho/2 |u|^2 tangential cos^2 a``. The air's own flow and mass are not modelled.
+
+    Attributes:
+        density: of the air [kg/m^3].
+        normal, lift, tangential: the coefficients.
+        max_wind: the fastest wind that the scene can blow [m/s], 0 where the air is still.
     """
 
-    air_density: float = 1.2
+    density: float = 1.2
     normal: float = 1.5
-    tangential: float = 0.1
-    max_speed: float = 12.0
+    lift: float = 1.0
+    tangential: float = 0.02
+    max_wind: float = 0.0
+
+    def __str__(self) -> str:
+        coefficients = f"normal {self.normal:g}, lift {self.lift:g}, tangential {self.tangential:g}"
+        return f"density {self.density:g} kg/m^3, {coefficients}"
 
 
 @dataclass(frozen=True)
@@ -48,8 +60,7 @@ class Scene:
         grid, material: the cloth.
         frame_dt: length of one environment step [s].
         handles: vertex numbers that are driven (or pinned, when the controls do not move them).
-        drag: still air slows the cloth by ``material.drag``.
-        wind: wind on triangles, or None.
+        air: what moving through the air does to triangles, or None.
         pressure: a pressure difference [Pa] acts on triangles.
         colliders: bodies, in the order of ``State.colliders``.
         thickness: distance [m] that contact keeps between a body and the cloth's vertices.
@@ -63,8 +74,7 @@ class Scene:
     material: Material
     frame_dt: float
     handles: tuple[int, ...] = ()
-    drag: bool = True
-    wind: Wind | None = None
+    air: Air | None = None
     pressure: bool = False
     colliders: tuple[Collider, ...] = ()
     thickness: float = 0.005
@@ -73,6 +83,11 @@ class Scene:
 
     def with_material(self, material: Material) -> "Scene":
         return replace(self, material=material)
+
+    @property
+    def windy(self) -> bool:
+        """Whether the air can blow."""
+        return self.air is not None and self.air.max_wind > 0
 
     @property
     def mass(self) -> np.ndarray:
@@ -95,17 +110,19 @@ class Scene:
             **({} if net is None else {"springs at distance two against bending": True}),
             "damping along the springs": m.damping > 0,
             "springs that yield under compression": m.yields,
-            "quadratic bending": m.bend_stiffness > 0,
-            "air drag": self.drag and m.drag > 0,
-            "wind on triangles": self.wind is not None,
+            f"quadratic bending and {m.twist:g} times a plate's twist": m.bend_stiffness > 0,
+            "drag in proportion to the velocity": m.drag > 0,
+            "air on triangles" + (f" ({self.air})" if self.air else ""): self.air is not None,
+            "wind": self.windy,
             "pressure" if net is None else "pressure p, four corners a vertex": self.pressure,
             **{f"contact with a {c.kind} ({c.name}), {contact.format(c)}": True for c in self.colliders},
             "contact with bodies": bool(self.colliders),
             "self-contact": False,
-            "plasticity, tearing, air flow": False,
+            "plasticity, tearing, the air's own flow and mass": False,
         }
         if self.colliders:
             del terms["contact with bodies"]
+            terms["forces of the cloth on bodies (they move as they are told)"] = False
         tube = ", closed across columns" if g.periodic else ""
         lines = [
             f"{self.name}: {g.height:g} x {g.width:g} m, {g.rows} x {g.cols} vertices{tube}, "

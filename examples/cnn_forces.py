@@ -10,9 +10,9 @@ import torch
 
 from cloth_envs.grid import Grid
 from cloth_envs.particles import Particles
-from cloth_envs.physics.laws.air import wind_forces
+from cloth_envs.physics.laws.air import air_forces
 from cloth_envs.registry import make_backend
-from cloth_envs.scene import Scene, Wind
+from cloth_envs.scene import Air, Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 
@@ -33,10 +33,10 @@ def run(forces: list, handles: tuple = (), frames: int = 3) -> State:
 
 def wind() -> None:
     """The reference's own wind law, up through a net that is pinned along its first row."""
-    blowing = replace(World("Flag").scene, grid=GRID, wind=Wind())
+    blowing = replace(World("Flag").scene, grid=GRID, air=Air(max_wind=12.0))
 
     def force(x: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
-        up = wind_forces(blowing, x.numpy(), v.numpy(), np.array([[0.0, 0.0, 2.0]]))
+        up = air_forces(blowing, x.numpy(), v.numpy(), np.array([[0.0, 0.0, 2.0]]))
         return torch.as_tensor(up, dtype=x.dtype)
 
     heights = [run(plugged, tuple(range(24))).positions[0, 2, -1].mean() for plugged in ([], [force])]

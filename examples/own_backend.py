@@ -3,7 +3,7 @@
 from torch import as_tensor, tensor
 
 from cloth_envs import register_backend
-from cloth_envs.physics.explicit.solver import stable_step
+from cloth_envs.physics.explicit.bounds import stable_step
 from cloth_envs.physics.laws.stencil import edges
 from cloth_envs.physics.laws.step import hermite
 from cloth_envs.physics.solver import Solver
@@ -17,7 +17,7 @@ class Springs(Solver):
     """Springs, weight and handles in torch, differentiable; no damping, bending, air or bodies."""
 
     def set_materials(self, which, materials):
-        if set(materials) != {self.scene.material} or self.scene.wind or self.scene.colliders:
+        if set(materials) != {self.scene.material} or self.scene.windy or self.scene.colliders:
             raise ValueError("Springs knows one material, no wind and no bodies: choose Curtain, leave randomize out")
 
     def step(self, old, new, controls):  # a frame of symplectic Euler, at the largest stable step

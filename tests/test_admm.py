@@ -20,7 +20,7 @@ from cloth_envs.physics.laws.air import pressure_forces
 from cloth_envs.physics.laws.sheet import kinetic_energy
 from cloth_envs.physics.laws.stencil import edges, triples
 from cloth_envs.physics.solver import Solver
-from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.state import Controls, State
 
 G = 9.81
@@ -198,7 +198,7 @@ def test_iterations_go_to_the_minimum_of_the_potential() -> None:
 
 
 def test_small_steps_agree_with_the_explicit_solver_at_first_order() -> None:
-    scene = Scene("order", Grid(5, 6, 0.3, 0.4), CLOTH, 0.04, handles=(0, 5), wind=Wind(), pressure=True)
+    scene = Scene("order", Grid(5, 6, 0.3, 0.4), CLOTH, 0.04, handles=(0, 5), air=Air(max_wind=12.0), pressure=True)
     state = shaken(scene.grid, amount=0.02, speed=0.1)
     controls = Controls.hold(state, scene.handles)
     controls.handle_positions[..., 0] += 0.01
@@ -260,7 +260,7 @@ def test_nothing_blows_up_over_the_whole_range() -> None:
     for stiffness, mass, frame, wind in product((0.25, 1, 16), (1 / 3, 1, 3), (0.5, 1, 4), (0, 3)):
         material = Material(0.2 * mass, 500.0 * stiffness, 150.0 * stiffness)
         handles = tuple(range(0, grid.vertices, grid.cols))
-        scene = Scene("flag", grid, material, 0.04 * frame, handles=handles, wind=Wind())
+        scene = Scene("flag", grid, material, 0.04 * frame, handles=handles, air=Air(max_wind=12.0))
         state = State.still(flat(grid))
         controls = Controls.hold(state, scene.handles)
         controls.wind[:] = wind * np.array([4.0, 2.0, 1.0])
@@ -278,11 +278,11 @@ def test_nothing_blows_up_over_the_whole_range() -> None:
 
 @pytest.mark.parametrize("frame_dt", [0.04, 0.16])
 def test_a_falling_sheet_reaches_its_terminal_velocity(frame_dt: float) -> None:
-    grid, air = Grid(7, 7, 0.5, 0.5), Wind(normal=1.5, tangential=0.4)
-    scene = Scene("fall", grid, Material(0.05, drag=0.0), frame_dt, wind=air)
+    grid, air = Grid(7, 7, 0.5, 0.5), Air(normal=1.5, tangential=0.4)
+    scene = Scene("fall", grid, Material(0.05, drag=0.0), frame_dt, air=air)
     end = run(AdmmSolver(scene, dtype="float64"), State.still(flat(grid)), frames=int(4 / frame_dt))
     # At rest in the air the relaxed force is a v |v| / (1 + a |v| h) = g, a = rho C / (2 sigma).
-    a = air.air_density * air.normal / (2 * 0.05)
+    a = air.density * air.normal / (2 * 0.05)
     terminal = (a * G * frame_dt + np.sqrt((a * G * frame_dt) ** 2 + 4 * a * G)) / (2 * a)
     np.testing.assert_allclose(end.velocities[0, 2], -terminal, rtol=1e-6)
 
@@ -355,7 +355,9 @@ def test_a_sheet_comes_to_rest_on_a_table() -> None:
 
 def test_members_and_threads_do_not_matter() -> None:
     grid = Grid(9, 11, 0.5, 0.6)
-    scene = Scene("batch", grid, CLOTH, 0.02, handles=(0, 10), colliders=(Collider("sphere", 0.1),), wind=Wind())
+    scene = Scene(
+        "batch", grid, CLOTH, 0.02, handles=(0, 10), colliders=(Collider("sphere", 0.1),), air=Air(max_wind=12.0)
+    )
     materials = [CLOTH, Material(), CLOTH.with_changes(areal_density=0.1)]
     one = State.still(flat(grid), np.tile([0.3, -0.25, -0.11], (1, 1, 2, 1)))
     states = one.select([0, 0, 0])

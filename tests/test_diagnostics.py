@@ -21,7 +21,7 @@ from cloth_envs.physics.laws.diagnostics import (
     penetration,
     strain,
 )
-from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.state import Controls, State
 
 GRID = Grid(3, 3, 1.0, 1.0)  # masses: corners 1/16, sides 1/8, middle 1/4 of the sheet's
@@ -29,6 +29,7 @@ SHEETS = [Material(0.2, 500.0, 150.0, 1e-3, 1e-3, 0.5), Material(0.4, 90.0, 10.0
 RHO, Y, G, B, DAMPING, DRAG, *_ = (
     np.array(values) for values in zip(*(m.as_dict().values() for m in SHEETS), strict=True)
 )
+SMOOTH = [m.with_changes(drag=0.0) for m in SHEETS]
 SCENE = Scene("desk", GRID, SHEETS[0], 0.1)
 ALL = tuple(range(9))
 EXACT = {"rtol": 1e-12, "atol": 1e-12}  # sums of a few dozen numbers of order 1 to 1000
@@ -130,8 +131,8 @@ def test_penetration_keeps_the_thickness() -> None:
 
 def test_work_on_a_sheet_that_is_carried() -> None:
     up, dt, blow = 2.0, 0.1, 5.0
-    wind = Wind(air_density=1.2, normal=1.5, tangential=0.0)
-    scene = replace(SCENE, handles=ALL, wind=wind, pressure=True)
+    wind = Air(tangential=0.0)
+    scene = replace(SCENE, handles=ALL, air=wind, pressure=True)
     before = sheet()
     before.velocities[:, 2] = up
     after = later(before, dt)
@@ -139,22 +140,22 @@ def test_work_on_a_sheet_that_is_carried() -> None:
     after.wind[:, 2], after.pressure[:] = blow, [3.0, -4.0]
     found = budget(scene, [before, after], SHEETS)
     np.testing.assert_allclose(found.gained, RHO * 9.81 * up * dt, **EXACT)
-    np.testing.assert_allclose(found.wind, 0.5 * 1.2 * 1.5 * (blow - up) ** 2 * up * dt, **EXACT)
+    np.testing.assert_allclose(found.air, 0.5 * 1.2 * 1.5 * (blow - up) ** 2 * up * dt, **EXACT)
     np.testing.assert_allclose(found.pressure, after.pressure * up * dt, **EXACT)
     np.testing.assert_allclose(found.drag, RHO * DRAG * up**2 * dt, **EXACT)
     np.testing.assert_allclose(found.damping, 0, **EXACT)
     # The hand that carries it pays weight and drag, less what the air gives.
-    np.testing.assert_allclose(found.handles, found.gained + found.drag - found.wind - found.pressure, **EXACT)
+    np.testing.assert_allclose(found.handles, found.gained + found.drag - found.air - found.pressure, **EXACT)
     np.testing.assert_allclose(found.rest, 0, atol=1e-12)
     twice = budget(scene, [before, after, later(after, 0.0)], SHEETS)
     np.testing.assert_allclose(twice.handles, found.handles, **EXACT)
 
 
 def test_a_driven_handle_is_paid_its_kinetic_energy() -> None:
-    scene = replace(SCENE, handles=ALL, gravity=0.0, drag=False)
+    scene = replace(SCENE, handles=ALL, gravity=0.0)
     before, after = sheet(), later(sheet(), 0.1)
     after.velocities[:, 0] = 3.0
-    found = budget(scene, [before, after], SHEETS)
+    found = budget(scene, [before, after], SMOOTH)
     np.testing.assert_allclose(found.handles, RHO * 9 / 2, **EXACT)
     np.testing.assert_allclose(found.rest, 0, atol=1e-12)
 
@@ -163,7 +164,7 @@ def test_loss_in_dashpots() -> None:
     rate, dt = 4.0, 0.1
     before = sheet()
     before.velocities[:, 0] = rate * before.positions[:, 0]
-    found = budget(replace(SCENE, drag=False), [before, later(before, dt)], SHEETS)
+    found = budget(SCENE, [before, later(before, dt)], SMOOTH)
     # As the spring energy at strain 1 and twice that: threads damping Y rate^2 per area; a diagonal grows at half
     # the rate, 2 springs of constant G: 2 damping G (rate d / 2)^2 = damping G rate^2 a^2 a cell.
     np.testing.assert_allclose(found.damping, DAMPING * (Y + G) * rate**2 * dt, **EXACT)
@@ -174,7 +175,7 @@ def test_the_budget_of_a_simulation_closes_and_notices_a_wrong_gravity() -> None
     rests, gained = [], 0.0
     for steps in (100, 200):
         material = Material(0.2, 100.0, 30.0, 1e-4, 1e-3, 0.8)
-        scene = Scene("swing", grid, material, 0.125 / steps, handles=(0, 6), wind=Wind())
+        scene = Scene("swing", grid, material, 0.125 / steps, handles=(0, 6), air=Air(max_wind=12.0))
         x = np.zeros((1, 3, 6, 7))
         x[0, 0], x[0, 1] = np.linspace(0, 0.6, 7), -np.linspace(0, 0.5, 6)[:, None]
         state = State.still(x)
@@ -209,8 +210,7 @@ def test_residual_of_an_implicit_step() -> None:
     np.testing.assert_allclose(implicit_residual(SCENE, before, later(before, h), SHEETS), 1, **EXACT)
     # Only its middle does, a quarter of the mass; in a vacuum the rest falls too slowly by the drag's share.
     after.velocities[1, 2, 1, 1] = 0.0
-    smooth = [m.with_changes(damping=0) for m in SHEETS]
-    found = implicit_residual(replace(SCENE, drag=False), before, after, smooth)
+    found = implicit_residual(SCENE, before, after, [m.with_changes(damping=0) for m in SMOOTH])
     slow = 1 - 1 / (1 + DRAG * h)
     np.testing.assert_allclose(found, [slow[0], 0.25 + 0.75 * slow[1]], **EXACT)
     # In contact nobody knows the force.

@@ -9,7 +9,7 @@ import pytest
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.laws.air import pressure_energy, pressure_forces, wind_forces
+from cloth_envs.physics.laws.air import air_forces, pressure_energy, pressure_forces
 from cloth_envs.physics.laws.sheet import (
     bend_energy,
     bend_forces,
@@ -20,7 +20,7 @@ from cloth_envs.physics.laws.sheet import (
     spring_forces,
 )
 from cloth_envs.physics.laws.stencil import edges
-from cloth_envs.scene import Scene, Wind
+from cloth_envs.scene import Air, Scene
 
 EPS = np.finfo(np.float64).eps
 GRIDS = {
@@ -154,27 +154,28 @@ def test_bending_a_tube_costs_that_of_a_sheet(cols: int) -> None:
 
 def test_wind_on_a_flat_sheet() -> None:
     grid = Grid(4, 5, 0.6, 0.8)
-    scene = Scene("wind", grid, SHEETS[0], 0.02, wind=Wind(1.2, normal=1.5, tangential=0.1))
+    scene = Scene("wind", grid, SHEETS[0], 0.02, air=Air(1.2, normal=1.5, lift=0.7, tangential=0.1))
     r, c = np.indices(grid.shape)
     x = np.stack([c * grid.col_spacing, -r * grid.row_spacing, 0.0 * r])[None]
     still = np.zeros_like(x)
     for wind in ([0.0, 0, 3], [2.0, 0, 0], [2.0, -1, -3]):
-        force = wind_forces(scene, x, still, np.array([wind])).sum((2, 3))[0]
+        force = air_forces(scene, x, still, np.array([wind])).sum((2, 3))[0]
         across, along = np.array([0, 0, wind[2]]), np.array([wind[0], wind[1], 0])
-        expected = 1.5 * np.linalg.norm(across) * across + 0.1 * np.linalg.norm(along) * along
+        expected = (1.5 * np.linalg.norm(across) + 0.7 * np.linalg.norm(along)) * across
+        expected += 0.1 * np.linalg.norm(along) * along
         np.testing.assert_allclose(force, 1.2 / 2 * 0.6 * 0.8 * expected, atol=1e-14)
         moved = np.reshape(wind, (1, 3, 1, 1)) + still  # only the relative velocity counts
-        same = wind_forces(scene, x, still, np.array([wind]))
-        np.testing.assert_allclose(wind_forces(scene, x, -moved, np.zeros((1, 3))), same, atol=1e-14)
-        np.testing.assert_allclose(wind_forces(scene, x, moved, np.array([wind])), 0, atol=1e-14)
+        same = air_forces(scene, x, still, np.array([wind]))
+        np.testing.assert_allclose(air_forces(scene, x, -moved, np.zeros((1, 3))), same, atol=1e-14)
+        np.testing.assert_allclose(air_forces(scene, x, moved, np.array([wind])), 0, atol=1e-14)
 
 
 def test_still_air_only_takes_energy() -> None:
     grid = GRIDS["sheet"]
-    scene = Scene("wind", grid, SHEETS[0], 0.02, wind=Wind(normal=0.4, tangential=0.9))
+    scene = Scene("wind", grid, SHEETS[0], 0.02, air=Air(normal=0.4, tangential=0.9))
     x, v = crumpled(grid), crumpled(grid, 3)
     # On a triangle f . v_mean <= 0; each corner gets a third, so the sum over corners is the same.
-    assert ((wind_forces(scene, x, v, np.zeros((2, 3))) * v).sum((1, 2, 3)) < 0).all()
+    assert ((air_forces(scene, x, v, np.zeros((2, 3))) * v).sum((1, 2, 3)) < 0).all()
 
 
 def test_pressure_pushes_along_the_normal() -> None:
@@ -184,3 +185,26 @@ def test_pressure_pushes_along_the_normal() -> None:
     force = pressure_forces(grid, x, np.array([7.0]))
     np.testing.assert_allclose(force.sum((2, 3))[0], [0, 0, 7.0 * 0.6 * 0.8], atol=1e-14)
     np.testing.assert_allclose(force[0, 2, 1:-1, 1:-1], 7.0 * grid.row_spacing * grid.col_spacing)
+
+
+@pytest.mark.parametrize("shape", [(5, 6), (9, 16)])
+def test_twist_costs_what_that_of_a_plate_does(shape: tuple[int, int]) -> None:
+    grid, stiffness, twist = Grid(*shape, 0.5, 0.9), 1e-3, 0.7
+    r, c = np.indices(shape)
+    z = twist * (r * grid.row_spacing) * (c * grid.col_spacing)
+    x = np.stack([c * grid.col_spacing, r * grid.row_spacing, z])[None]
+    # B/2 (k_xx^2 + k_yy^2 + 2 k_xy^2) per area; on a grid z = k x y has the mixed difference k a b exactly.
+    energy = bend_energy(grid, [Material(bend_stiffness=stiffness)], x)[0]
+    assert energy == pytest.approx(stiffness * twist**2 * 0.5 * 0.9, rel=1e-10)
+    assert bend_energy(grid, [Material(bend_stiffness=stiffness, twist=0.0)], x)[0] == pytest.approx(0, abs=1e-15)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 20.0, 45.0, 90.0])
+def test_a_cylinder_costs_the_same_in_every_direction(degrees: float) -> None:
+    n, curvature, angle = 41, 0.1, np.radians(degrees)
+    grid = Grid(n, n, 1.0, 1.0)
+    r, c = np.indices(grid.shape) * grid.row_spacing
+    z = curvature / 2 * (np.cos(angle) * c + np.sin(angle) * r) ** 2
+    energy = bend_energy(grid, [Material(bend_stiffness=1e-3)], np.stack([c, r, z])[None])[0]
+    # Second differences end a spacing before the border: 1/40 of the area has none of one kind.
+    assert energy == pytest.approx(1e-3 / 2 * curvature**2, rel=1.001 / 40)

@@ -18,7 +18,7 @@ from cloth_envs.physics.laws.sheet import kinetic_energy, masses, spring_energy
 from cloth_envs.physics.laws.step import total_forces
 from cloth_envs.physics.solver import kernel_material, kernel_sheet
 from cloth_envs.registry import SCENES
-from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.state import Controls, State
 
 G = 9.81
@@ -45,8 +45,8 @@ class Frozen:
     """The potential of a stage around random places, and what the twin needs."""
 
     def __init__(self, grid: Grid, tau: float = 0.01) -> None:
-        self.wind = Wind(normal=1.5, tangential=0.4)
-        self.scene = Scene("all", grid, SOFT, 0.04, wind=self.wind, pressure=True)
+        self.air = Air(normal=1.5, tangential=0.4)
+        self.scene = Scene("all", grid, SOFT, 0.04, air=self.air, pressure=True)
         self.state, self.tau, self.inertia = crumpled(grid, 1), tau, 1 / tau**2
         self.blow, self.pressure = np.array([3.0, -2.0, 1.0]), 5.0
         self.target = np.random.default_rng(5).normal(size=self.state.positions.shape)
@@ -54,12 +54,13 @@ class Frozen:
     def potential(self, base: np.ndarray, along: np.ndarray) -> kernels.Potential:
         potential = kernels.Potential(kernel_sheet(self.scene))
         potential.begin(
-            material=kernel_material(self.scene, SOFT),
+            material=kernel_material(SOFT),
             tau=self.tau,
             inertia=self.inertia,
             base=base.ravel(),
             along=along.ravel(),
             target=self.target.ravel().copy(),
+            velocity=self.state.velocities.ravel(),
             wind=self.blow,
             pressure=self.pressure,
         )
@@ -73,7 +74,7 @@ def test_the_gradient_is_the_twins_forces(grid: Grid) -> None:
     # With base = x - tau v and directions taken at x every term is the twin's at (x, v).
     gradient = np.empty(x.size)
     f.potential(x - f.tau * v, x).evaluate(x.ravel(), gradient)
-    still = Scene("still", grid, SOFT, 0.04, wind=f.wind, pressure=True, gravity=0.0)
+    still = Scene("still", grid, SOFT, 0.04, air=f.air, pressure=True, gravity=0.0)
     force = total_forces(still, [SOFT], f.state, f.blow[None], np.array([f.pressure]))
     expected = masses(grid, [SOFT]) * f.inertia * (x - f.target) - force
     np.testing.assert_allclose(gradient.reshape(x.shape), expected, atol=1e-12 * abs(expected).max())
@@ -125,7 +126,9 @@ def test_too_few_iterations_are_told() -> None:
     assert solver.residual[0] > 0.1
 
 
-@pytest.mark.parametrize("terms", [{}, {"wind": Wind()}, {"pressure": True}], ids=["springs", "wind", "pressure"])
+@pytest.mark.parametrize(
+    "terms", [{}, {"air": Air(max_wind=12.0)}, {"pressure": True}], ids=["springs", "wind", "pressure"]
+)
 def test_orders_of_convergence_to_the_explicit_solver(terms: dict[str, Any]) -> None:
     grid = Grid(5, 4, 0.4, 0.3)
     scene = Scene("order", grid, SOFT, 0.04, (0, 3), **terms)
@@ -185,7 +188,7 @@ def test_no_material_frame_or_wind_blows_it_up(
     changes: dict[str, float], frame_dt: float, wind: float, scheme: str
 ) -> None:
     grid, cloth = Grid(11, 9, 0.6, 0.5), CLOTH.with_changes(**changes)
-    scene = Scene("flag", grid, cloth, frame_dt, tuple(range(9)), wind=Wind())
+    scene = Scene("flag", grid, cloth, frame_dt, tuple(range(9)), air=Air(max_wind=12.0))
     state = State.still(sheet(grid, down=(0, 0, -1)))
     controls = Controls.hold(state, scene.handles)
     controls.wind[:] = np.array([0.8, 0.6, 0.0]) * wind

@@ -17,7 +17,7 @@ from cloth_envs.material import Material
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.registry import SCENES, load_task
 from cloth_envs.resample import KINDS
-from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.state import Controls, LazyState, State
 from cloth_envs.world import World
 from surrogates.miniature.backend import MiniatureBackend
@@ -49,11 +49,11 @@ def waving(scene: Scene, seed: int = 0) -> State:
 def test_the_enlarged_coarse_sheet_is_the_miniature(scaling: str) -> None:
     """Run the copy with axes over s, the fine particle mass, rest length and step, and forces over s as it is built."""
     s, fine = 2, Grid(21, 17, 1.0, 0.8)
-    material, wind = Material(0.2, 300.0, 80.0, 3e-5, 1e-4, 0.5), Wind()
+    material, air = Material(0.2, 300.0, 80.0, 3e-5, 1e-4, 0.5), Air(max_wind=12.0)
     coarse = coarse_grid(fine, s)
     enlarged = miniature_material(material, s, scaling, {})
     bodies = (Collider("sphere", 0.1, 0.4),)
-    big = Scene("big", coarse, enlarged, 0.01, (0, 8), wind=wind, colliders=bodies)
+    big = Scene("big", coarse, enlarged, 0.01, (0, 8), air=air, colliders=bodies)
     # With the spacing over s the same areal density gives the fine particles' mass. The spring constant of a cell
     # does not depend on its size; bending's, B / length^2, keeps its fine value with the fine spacing. The air's
     # force ~ density * area * speed^2 is to be f / s = s^-3 of the enlarged one: area and speed give s^-4.
@@ -69,7 +69,7 @@ def test_the_enlarged_coarse_sheet_is_the_miniature(scaling: str) -> None:
         ),
         0.01,
         (0, 8),
-        wind=replace(wind, air_density=wind.air_density * s, max_speed=wind.max_speed / s),
+        air=replace(air, density=air.density * s, max_wind=air.max_wind / s),
         colliders=(replace(bodies[0], radius=bodies[0].radius / s),),
         thickness=big.thickness / s,
         gravity=big.gravity / s,

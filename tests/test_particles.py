@@ -12,7 +12,7 @@ from cloth_envs.particles import Particles
 from cloth_envs.physics.laws import particles as twin
 from cloth_envs.physics.particles.solver import NEIGHBOURS, Cell, ParticleSolver, make_kernel, mass_spring_cell
 from cloth_envs.physics.solver import reference
-from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.state import Controls, State
 
 NET = Particles()
@@ -23,7 +23,6 @@ TERMS: dict[str, tuple[Particles, dict[str, object]]] = {
     "dashpots": (replace(FREE, stiffness=1e-9, dashpot=200.0), {}),
     "gravity": (FREE, {"gravity": 9.8}),
     "drag": (replace(FREE, drag=3.0), {}),
-    "drag off": (replace(FREE, drag=3.0), {"drag": False}),
     "pressure": (FREE, {"pressure": True}),
     "ball": (replace(FREE, stiffness=1e-9), {"colliders": (BALL,)}),
     "handles": (FREE, {"handles": (0, 7)}),
@@ -249,7 +248,7 @@ def test_the_scene_tells_what_it_is() -> None:
         (lambda: reference(make_scene(NET), solver="implicit"), ["'implicit'", "net of particles"]),
         (lambda: reference(make_scene(NET), substeps=3), ["'substeps'", "'refine'"]),
         (lambda: ParticleSolver(replace(make_scene(NET), particles=None)), ["sheet", "'zhao2024'"]),
-        (lambda: ParticleSolver(replace(make_scene(NET), wind=Wind())), ["no wind"]),
+        (lambda: ParticleSolver(replace(make_scene(NET), air=Air())), ["no air"]),
         (lambda: ParticleSolver(replace(make_scene(NET), colliders=(Collider("plane"),))), ["spheres"]),
         (lambda: ParticleSolver(replace(make_scene(NET), grid=Grid(9, 9, 1.0, 1.0))), ["spacing", "resolution"]),
         (lambda: ParticleSolver(replace(make_scene(NET), frame_dt=1e-3)), ["whole number"]),

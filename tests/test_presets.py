@@ -20,7 +20,7 @@ from cloth_envs.recording import RolloutWriter
 from cloth_envs.recording.reader import Rollout
 from cloth_envs.registry import PRESETS
 from cloth_envs.rendering import framing
-from cloth_envs.scene import Wind
+from cloth_envs.scene import Air
 from cloth_envs.world import World
 
 CASES = [(scene, preset) for preset, scenes in PRESETS.items() for scene in scenes]
@@ -142,11 +142,10 @@ def test_lee2019_flag_bends_as_springs_between_a_vertex_and_the_middle_of_two_ot
     spring = k / 2 * ((x[:, 1] - (x[:, 0] + x[:, 2]) / 2) ** 2).sum() / a**2
     sheet = (scene.material.bend_stiffness - Material().bend_stiffness) * curvature**2 / 2
     assert sheet == pytest.approx(spring, rel=3e-5)
-    assert scene.wind is not None
-    assert scene.wind.tangential == 0.2
+    assert scene.air == Air(lift=0.0, tangential=0.2, max_wind=12.0)
     soft = World("Flag", preset={"name": "lee2019", "bending": 0, "tangential": 0.1}).scene
     assert soft.material.bend_stiffness == Material().bend_stiffness
-    assert soft.wind == Wind()
+    assert soft.air == Air(lift=0.0, tangential=0.1, max_wind=12.0)
 
 
 def test_lee2019_ball_keeps_to_its_path_and_flag_wind_turns_round() -> None:

@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
@@ -18,6 +19,7 @@ import cloth_envs
 from cloth_envs.grid import Grid
 from cloth_envs.recording import RecordRollout, Rollout, RolloutWriter
 from cloth_envs.recording.layout import LAYOUT_VERSION
+from cloth_envs.scenes.collision import Collision
 
 SMALL = {"resolution": (9, 13)}
 
@@ -66,7 +68,7 @@ def test_actions_and_rewards_lead_to_their_frame(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("version", [1, 2])
-def test_a_file_of_an_earlier_layout_still_reads(version: int, tmp_path: Path) -> None:
+def test_a_file_of_an_earlier_layout_still_reads(version: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """``data/rollout_layout_2.h5`` is of that package: seeds 0 and None, three actions each. 1 held float32."""
     path = tmp_path / "old.h5"
     shutil.copy(Path(__file__).parent / "data" / "rollout_layout_2.h5", path)
@@ -77,13 +79,17 @@ def test_a_file_of_an_earlier_layout_still_reads(version: int, tmp_path: Path) -
                 values = file[name][:].astype(np.float32)
                 del file[name]
                 file[name] = values
-    env = gym.make("MiniCloth-Collision-v0", resolution=(5, 4)).unwrapped
-    env.reset(seed=0)
+    now = gym.make("MiniCloth-Collision-v0", resolution=(5, 4)).unwrapped.scene
     rng = np.random.default_rng(0)
     with Rollout.open(path) as rollout:
         assert rollout.lengths == [4, 4]
         assert rollout.seeds == [0, None]
-        assert rollout.scene == env.scene
+        # Its air was a drag of 0.5 1/s, and nothing resisted twist.
+        assert rollout.material() == now.material.with_changes(drag=0.5, twist=0.0)
+        assert rollout.scene == replace(now, material=rollout.material(), air=None)
+        monkeypatch.setattr(Collision, "build_scene", lambda *_: rollout.scene)
+        env = gym.make("MiniCloth-Collision-v0", resolution=(5, 4)).unwrapped
+        env.reset(seed=0)
         assert rollout.actions().dtype == rollout.rewards().dtype == np.float64
         for frame, found in enumerate(rollout.states()):
             if frame:
@@ -156,7 +162,9 @@ def test_layout_is_that_of_the_well(tmp_path: Path) -> None:
 def test_tube_and_bodies_of_a_scene_outside_the_registry(tmp_path: Path) -> None:
     bodies = (cloth_envs.Collider("capsule", 0.1, 0.5, "leg"), cloth_envs.Collider("plane"))
     grid = Grid(5, 8, 0.5, 1.0, periodic=True)
-    scene = cloth_envs.Scene("Mine", grid, cloth_envs.Material(), 0.02, handles=(0, 3), colliders=bodies, drag=False)
+    scene = cloth_envs.Scene(
+        "Mine", grid, cloth_envs.Material(), 0.02, handles=(0, 3), colliders=bodies, air=cloth_envs.Air()
+    )
     state = cloth_envs.State.still(np.ones((1, 3, 5, 8), np.float32), np.ones((1, 2, 2, 3), np.float32))
     with RolloutWriter(tmp_path / "a.h5", scene) as writer:
         writer.begin()

@@ -10,7 +10,7 @@ from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.rendering import Camera, Renderer, canvas, framing
 from cloth_envs.rendering.sheet import normals, vertex_strain
-from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.state import State
 
 SIZE = {"width": 160, "height": 120}
@@ -47,8 +47,8 @@ def make_scene(kind, rows=9, cols=13):
         colliders = (Collider("sphere", 0.2), Collider("plane"))
         bodies = np.array([[[[0.7, -0.5, 0.4]] * 2, [[0, 0, 0], [0, 0, 1]]]])
     grid = Grid(rows, cols, 0.6 if kind == "belt" else 1.0, 1.5, periodic=kind == "belt")
-    wind = Wind() if kind == "pole" else None
-    scene = Scene(kind, grid, Material(), 0.04, tuple(handles.tolist()), wind=wind, colliders=colliders)
+    air = Air(max_wind=12.0) if kind == "pole" else None
+    scene = Scene(kind, grid, Material(), 0.04, tuple(handles.tolist()), air=air, colliders=colliders)
     return scene, State.still(positions, bodies)
 
 

@@ -10,11 +10,11 @@ import torch
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.laws.air import pressure_forces, wind_forces
+from cloth_envs.physics.laws import air
 from cloth_envs.physics.laws.bodies import resolve_body
 from cloth_envs.physics.laws.step import total_forces
 from cloth_envs.registry import SCENES, make_backend
-from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 from surrogates.cell.compiled import CLASSES
@@ -22,7 +22,7 @@ from surrogates.cell.frame import air_forces, contact, frame
 from surrogates.cell.sheet import SheetCell, properties
 
 EPS = np.finfo(float).eps
-SCENE = Scene("sheet", Grid(6, 8, 0.5, 0.8), Material(), 0.004, (0, 7), wind=Wind(), pressure=True)
+SCENE = Scene("sheet", Grid(6, 8, 0.5, 0.8), Material(), 0.004, (0, 7), air=Air(max_wind=12.0), pressure=True)
 YIELDING = {"compression": 0.1, "buckling_strain": 0.02, "post_buckling": 0.4, "compression_damping": 5.0}
 LINEAR = [Material(), Material(0.3, 700.0, 90.0, 1e-4, 1e-4, 1.0)]
 MATERIALS = [LINEAR[0], LINEAR[1].with_changes(**YIELDING)]
@@ -46,14 +46,14 @@ def test_forces_are_the_references() -> None:
     state = waved(SCENE)
     x, v = tensors(state)
     cell = SheetCell(SCENE, dtype=torch.float64)
-    got = cell(x, v, properties(SCENE, MATERIALS, x)).detach().numpy()
-    bare = replace(SCENE, wind=None, pressure=False)
+    got = cell(x, v, properties(MATERIALS, x)).detach().numpy()
+    bare = replace(SCENE, air=None, pressure=False)
     want = total_forces(bare, MATERIALS, state, np.zeros((2, 3)), np.zeros(2))
     assert abs(got - want).max() < 64 * EPS * abs(want).max()
     wind, pressure = np.array([[3.0, -2.0, 1.0], [0.0, 6.0, -1.0]]), np.array([30.0, -8.0])
     got = air_forces(SCENE, x, v, torch.from_numpy(wind), torch.from_numpy(pressure)).numpy()
-    want = wind_forces(SCENE, state.positions, state.velocities, wind)
-    want = want + pressure_forces(SCENE.grid, state.positions, pressure)
+    want = air.air_forces(SCENE, state.positions, state.velocities, wind)
+    want = want + air.pressure_forces(SCENE.grid, state.positions, pressure)
     assert abs(got - want).max() < 64 * EPS * abs(want).max()
 
 
@@ -113,7 +113,7 @@ def test_momentum_is_kept_whatever_was_learned() -> None:
     numbers = rng.uniform(0.5, 1.5, len(CLASSES))
     numbers[-3:] = 0.0
     x, v = tensors(waved(SCENE))
-    force = SheetCell(SCENE, numbers, dtype=torch.float64)(x, v, properties(SCENE, MATERIALS, x)).detach()
+    force = SheetCell(SCENE, numbers, dtype=torch.float64)(x, v, properties(MATERIALS, x)).detach()
     largest = float(force.abs().max())
     assert float(force.sum((2, 3)).abs().max()) < 48 * 12 * EPS * largest
     moment = torch.linalg.cross(x, force, dim=1).sum((2, 3)).abs().max()
@@ -128,7 +128,7 @@ def test_a_frame_has_the_slope_that_differences_have() -> None:
     controls = Controls.hold(state, scene.handles)
     controls.wind[:, 0], controls.pressure[:] = 3.0, 5.0
     x, v = tensors(state)
-    sheets = properties(scene, LINEAR, x)  # without jumps of the slope
+    sheets = properties(LINEAR, x)  # without jumps of the slope
     cell = SheetCell(scene, dtype=torch.float64)
 
     def loss() -> torch.Tensor:

@@ -112,7 +112,7 @@ def test_plugged_in_forces_are_added() -> None:
         solver = TorchNet(scene, mass_spring_cell(scene), num_envs=2, dtype="float64", forces=forces)
         solver.reset(state)
         ends.append(solver.advance(Controls.hold(state, ())).velocities)
-    want = np.exp(-NET.drag * scene.drag * NET.sim_dt) * NET.sim_dt / NET.node_mass * push.numpy()
+    want = np.exp(-NET.drag * NET.sim_dt) * NET.sim_dt / NET.node_mass * push.numpy()
     # Rounding of velocities of up to a few hundred m/s.
     np.testing.assert_allclose(ends[1] - ends[0], np.broadcast_to(want, ends[0].shape), rtol=0, atol=1e3 * EPS)
 

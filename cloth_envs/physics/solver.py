@@ -26,6 +26,9 @@ PARTICLE_SOLVERS: dict[str, str] = {
     "explicit": "cloth_envs.physics.particles.solver:ParticleSolver",
 }
 
+FASTEST = 12.0  # m/s, of a swung cloth's triangles
+PRESSURE = 100.0  # Pa, up to which every step is short enough
+STRETCH = 2.0  # of the longest edge over its rest length, in the bound on what pressure does
 CONDITION = 0.5  # of an implicit step's matrix, over what the digits can tell
 
 
@@ -60,7 +63,7 @@ def reference(
 
 def kernel_sheet(scene: Scene) -> kernels.Sheet:
     """What every compiled solver is told of a scene; balls of a net of particles have no thickness."""
-    grid, wind = scene.grid, scene.wind
+    grid, air = scene.grid, scene.air
     return kernels.Sheet(
         rows=grid.rows,
         cols=grid.cols,
@@ -70,10 +73,11 @@ def kernel_sheet(scene: Scene) -> kernels.Sheet:
         frame_dt=scene.frame_dt,
         gravity=scene.gravity,
         thickness=scene.thickness if scene.particles is None else 0.0,
-        wind=wind is not None,
+        air=air is not None,
         pressure=scene.pressure,
-        wind_normal=wind.air_density * wind.normal if wind else 0.0,
-        wind_tangential=wind.air_density * wind.tangential if wind else 0.0,
+        air_normal=air.density * air.normal if air else 0.0,
+        air_lift=air.density * air.lift if air else 0.0,
+        air_tangential=air.density * air.tangential if air else 0.0,
         handles=list(scene.handles),
         bodies=[
             kernels.Body(plane=body.kind == "plane", radius=body.radius, friction=body.friction)
@@ -82,9 +86,9 @@ def kernel_sheet(scene: Scene) -> kernels.Sheet:
     )
 
 
-def kernel_material(scene: Scene, material: Material) -> kernels.Material:
-    """A material as compiled solvers take it: drag only where the scene has it."""
-    return kernels.Material(**material.as_dict() | {"drag": material.drag * scene.drag})
+def kernel_material(material: Material) -> kernels.Material:
+    """A material as compiled solvers take it."""
+    return kernels.Material(**material.as_dict())
 
 
 def stiffness_bound(scene: Scene, material: Material) -> tuple[float, float]:
@@ -93,8 +97,8 @@ def stiffness_bound(scene: Scene, material: Material) -> tuple[float, float]:
     A spring's Hessian never exceeds its stiffness times the identity, however the cloth is folded or
     stretched, so the scalar graph Laplacian bounds every configuration. Its largest eigenvalue is at
     most the largest of any one cell's with that cell's lumped masses (Irons & Treharne 1971); all
-    cells of a grid are equal, and a 4 x 4 problem remains. Bending along one direction has symbol
-    ``gb (2 - 2 cos)^2 <= 16 gb``.
+    cells of a grid are equal, and a 4 x 4 problem remains. Bending has at most the symbol of a plate,
+    ``B (s_a^2 / a^4 + s_b^2 / b^4 + 2 twist s_a s_b / (a b)^2)`` with ``s = 2 - 2 cos <= 4``.
     """
     g = scene.grid
     a, b = g.row_spacing, g.col_spacing
@@ -109,8 +113,40 @@ def stiffness_bound(scene: Scene, material: Material) -> tuple[float, float]:
         laplacian[j, i] -= k
     quarter = material.areal_density * a * b / 4
     springs = float(np.linalg.eigvalsh(laplacian)[-1]) / quarter
-    bending = 16 * material.bend_stiffness * (a**-4 + b**-4) / material.areal_density
-    return springs, bending
+    bending = 16 * (a**-4 + b**-4 + 2 * material.twist / (a * b) ** 2) * material.bend_stiffness
+    return springs, bending / material.areal_density
+
+
+def air_bound(scene: Scene, material: Material, pressure: float = PRESSURE) -> float:
+    """Upper bound on the slope of the air's force over the velocity and the mass [1/s], at twice the fastest wind.
+
+    In still air cloth is taken to move at up to ``FASTEST``, and faster by what a ``pressure`` [Pa] can drive it to, at
+    which ``rho/2 C_n v^2`` balances it. A triangle's force has the slopes ``rho/2 A`` times
+    ``2 C_n |u_n| + C_l |u_t|`` and ``C_l u_n`` along its normal, ``2 C_t |u_t|`` and ``C_t |u_t|`` in its plane. Their
+    matrix over ``rho A |u|`` is at most ``hypot(C_n, C_l / sqrt 2)``, or ``C_t`` with friction alone.
+    """
+    if scene.air is None:
+        return 0.0
+    air, speed = scene.air, max(2 * scene.air.max_wind, FASTEST)
+    slope = max(np.hypot(air.normal, air.lift / np.sqrt(2)), air.tangential)
+    if scene.pressure and air.density * air.normal > 0:
+        speed += np.sqrt(2 * abs(pressure) / (air.density * air.normal))
+    return float(air.density * slope * speed / material.areal_density)
+
+
+def pressure_bound(scene: Scene, material: Material, pressure: float = PRESSURE) -> float:
+    """Upper bound on ``M^-1 K`` of a pressure up to ``pressure`` [Pa] either way [1/s^2].
+
+    A facet's force on each of its corners is ``p / 12 (x1 - x0) x (x2 - x0)``, whose slope has the norm
+    ``p / 12 sqrt(3 (e0^2 + e1^2 + e2^2))``, symmetric or not, with the edges ``e``: of a right triangle at rest
+    ``p d / sqrt 24``. A corner lies in three of a cell's four facets: ``sqrt(3 / 8) p d`` over a quarter of a cell's
+    mass.
+    """
+    if not scene.pressure:
+        return 0.0
+    grid = scene.grid
+    mass = material.areal_density * grid.row_spacing * grid.col_spacing
+    return float(np.sqrt(6) * STRETCH * abs(pressure) * grid.diagonal / mass)
 
 
 def check_condition(scene: Scene, material: Material, h: float, dtype: np.dtype) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import PROPERTIES, Material
 from cloth_envs.particles import Particles
-from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.version import __version__
 
 LAYOUT_VERSION = 3
@@ -49,8 +49,15 @@ def scene_from_json(text: str, handles: tuple[int, ...] | None = None) -> Scene:
     ``handles`` are those of layouts 1 and 2, which kept them elsewhere.
     """
     parts = json.loads(text)
+    if "wind" in parts:  # of files up to 0.3: air was wind without lift, drag could be off, nothing resisted twist
+        wind, drag = parts.pop("wind"), parts.pop("drag")
+        parts["air"] = wind and {
+            "density": wind["air_density"], "normal": wind["normal"], "lift": 0.0,
+            "tangential": wind["tangential"], "max_wind": wind["max_speed"],
+        }  # fmt: skip
+        parts["material"] |= {"twist": 0.0} | ({} if drag else {"drag": 0.0})
     parts["grid"], parts["material"] = Grid(**parts["grid"]), Material(**parts["material"])
-    parts["wind"] = parts["wind"] and Wind(**parts["wind"])
+    parts["air"] = parts["air"] and Air(**parts["air"])
     net = parts.get("particles")  # files of version 0.1 have none
     parts["particles"] = net and Particles(**net)
     parts["colliders"] = tuple(Collider(**body) for body in parts["colliders"])

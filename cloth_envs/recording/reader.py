@@ -123,9 +123,13 @@ class Rollout(AbstractContextManager["Rollout"]):
     def material(self, trajectory: int = 0) -> Material:
         """The material of one trajectory."""
         self.length(trajectory)
-        return self._file.read(
-            lambda file: Material(**{name: float(file[f"scalars/{name}"][trajectory]) for name in PROPERTIES})
-        )
+
+        def look(file: h5py.File) -> Material:
+            kept = [name for name in PROPERTIES if f"scalars/{name}" in file]
+            values = {name: float(file[f"scalars/{name}"][trajectory]) for name in kept}
+            return Material(**{"twist": 0.0} | values)  # nothing resisted twist before files kept it
+
+        return self._file.read(look)
 
     def start(self, trajectory: int = 0) -> dict[str, np.ndarray]:
         """What ``env.unwrapped.set_state`` takes, so that the trajectory's actions give its frames again, bit for bit.

@@ -140,7 +140,7 @@ class Arrow:
     """The wind, drawn over the ground under the cloth: along it, its length as the root of the speed."""
 
     def __init__(self, pv: Any, plotter: Any, scene: Scene) -> None:
-        self.fastest = max(scene.wind.max_speed if scene.wind else 0.0, 1e-9)
+        self.fastest = scene.air.max_wind if scene.air else 0.0
         self.length = 0.6 * max(scene.grid.width, scene.grid.height)
         self.centre = np.zeros(3)
         mesh = pv.Arrow(tip_length=0.32, tip_radius=0.085, shaft_radius=0.03, tip_resolution=24, shaft_resolution=16)

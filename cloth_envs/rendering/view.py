@@ -60,7 +60,7 @@ class View:
         for solid in self.solids:
             options = look.SOLID | solid.options
             plotter.add_mesh(solid.mesh, color=solid.color, **options).prop.interpolation = "Phong"
-        self.arrow = None if scene.wind is None else Arrow(pv, plotter, scene)
+        self.arrow = Arrow(pv, plotter, scene) if scene.windy else None
         self.decoration = [self.ground.actor, self.ground.tiles] + ([self.arrow.actor] if self.arrow else [])
         self._stand(start, member, camera)
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.scene import Collider, Scene
+from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.measures import columns, tolerance
 from cloth_envs.scenes.task import Episode, Start, Task, documented
@@ -46,7 +46,7 @@ class BallDrop(Task):
     beside the ball's axis.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, drag by still air, contact and friction with the ball and the
+    Springs, damping, bending, gravity, still air, contact and friction with the ball and the
     ground. No self-contact: folds can pass through each other. The ball slides, it doesn't roll.
     """
 
@@ -68,7 +68,7 @@ class BallDrop(Task):
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
         bodies = (Collider("sphere", RADIUS, 0.5, "ball"), Collider("plane", 0.0, 0.5, "ground"))
-        return Scene("BallDrop", grid, material, cls.frame_dt, colliders=bodies)
+        return Scene("BallDrop", grid, material, cls.frame_dt, colliders=bodies, air=Air())
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

@@ -6,7 +6,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.scene import Collider, Scene
+from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.measures import columns, largest_stretch, tolerance
 from cloth_envs.scenes.starts import bow, grip
@@ -48,7 +48,7 @@ class Collision(Task):
     Hanging in four shallow pleats, at rest length and at rest; ball and goal are random. The top falls into a swag.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, drag by still air, contact and friction with the ball. No
+    Springs, damping, bending, gravity, still air, contact and friction with the ball. No
     self-contact: folds can pass through each other. The ball slides, it doesn't roll.
     """
 
@@ -80,7 +80,7 @@ class Collision(Task):
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
         corners = grip(grid, 0, 0) + grip(grid, 0, -1)
         ball = Collider("sphere", RADIUS, 0.3, "ball")
-        return Scene("Collision", grid, material, cls.frame_dt, handles=corners, colliders=(ball,))
+        return Scene("Collision", grid, material, cls.frame_dt, handles=corners, colliders=(ball,), air=Air())
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

@@ -6,7 +6,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.scene import Scene
+from cloth_envs.scene import Air, Scene
 from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.measures import columns, mean_span, tolerance
 from cloth_envs.scenes.starts import bow
@@ -49,7 +49,7 @@ class Curtain(Task):
     towards the hem.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, drag by still air, rings. No self-contact: neighbouring pleats can pass through
+    Springs, damping, bending, gravity, still air, rings. No self-contact: neighbouring pleats can pass through
     each other. No friction of rings on the rail.
     """
 
@@ -74,7 +74,7 @@ class Curtain(Task):
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
         rings = min(RINGS, (grid.cols + 1) // 2)  # at least two cells a pleat
         columns = np.linspace(0, grid.cols - 1, rings).round().astype(int)
-        return Scene("Curtain", grid, material, cls.frame_dt, handles=tuple(columns.tolist()))
+        return Scene("Curtain", grid, material, cls.frame_dt, handles=tuple(columns.tolist()), air=Air())
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

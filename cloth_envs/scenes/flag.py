@@ -4,7 +4,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.scene import Scene, Wind
+from cloth_envs.scene import Air, Scene
 from cloth_envs.scenes.drives import Drive, draw_gust, gusty_wind
 from cloth_envs.scenes.measures import columns, loop_area
 from cloth_envs.scenes.task import Episode, Start, Task, documented
@@ -13,6 +13,7 @@ from cloth_envs.state import Controls
 POLE_SPEED, ACCELERATION = 2.5, 25.0  # m/s at full action, m/s^2
 REACH = 1.5  # m, the pole stays within this of where it started
 WIND_SPEED = (2.0, 4.5)  # m/s, range of the mean wind
+FASTEST = 12.0  # m/s, of gusts and of the pole through the air
 ASIDE = 0.6  # rad, largest angle between the mean wind and the line to the onlooker
 GUST = 0.5  # of the mean
 BACKING = 0.4  # rad, how far gusts turn the wind
@@ -42,7 +43,7 @@ class Flag(Task):
     and the onlooker's direction, up to 34 degrees beside the wind, are random.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, wind on triangles, the pole. No drag by still air, no
+    Springs, damping, bending, gravity, wind on triangles, the pole. No
     self-contact: folds of the flag can pass through each other.
     """
 
@@ -64,7 +65,7 @@ class Flag(Task):
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
         hoist = tuple(grid.index(row, 0) for row in range(grid.rows))
-        return Scene("Flag", grid, material, cls.frame_dt, handles=hoist, drag=False, wind=Wind())
+        return Scene("Flag", grid, material, cls.frame_dt, handles=hoist, air=Air(max_wind=FASTEST))
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

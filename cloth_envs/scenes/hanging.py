@@ -4,7 +4,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.scene import Scene
+from cloth_envs.scene import Air, Scene
 from cloth_envs.scenes.drives import Drive, draw_gust, gust
 from cloth_envs.scenes.measures import columns, tolerance
 from cloth_envs.scenes.starts import grip
@@ -45,7 +45,7 @@ class Hanging(Task):
     whole. The goal is random.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, drag by still air, the breeze as a small pressure along the normals.
+    Springs, damping, bending, gravity, still air, the breeze as a small pressure along the normals.
     No self-contact: folds can pass through each other.
     """
 
@@ -68,7 +68,7 @@ class Hanging(Task):
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
-        return Scene("Hanging", grid, material, cls.frame_dt, handles=grip(grid, 0, 0), pressure=True)
+        return Scene("Hanging", grid, material, cls.frame_dt, handles=grip(grid, 0, 0), pressure=True, air=Air())
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

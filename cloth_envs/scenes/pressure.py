@@ -4,7 +4,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.scene import Scene
+from cloth_envs.scene import Air, Scene
 from cloth_envs.scenes.drives import draw_gust, gust
 from cloth_envs.scenes.measures import columns, tolerance
 from cloth_envs.scenes.task import Episode, Start, Task, documented
@@ -41,8 +41,8 @@ class Pressure(Task):
     0.15-1.2 Hz.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, drag by still air, pressure along the normals, pinned border. The
-    air itself (its mass and flow) is only drag.
+    Springs, damping, bending, gravity, still air, pressure along the normals, pinned border. The air's own mass and
+    flow are not.
     """
 
     size = (1.0, 1.0)
@@ -52,7 +52,6 @@ class Pressure(Task):
     lattice = (5, 5)
     extras = ("apex z", "apex vz", "pressure", "target z", "target z soon")
     extras_bound = 50.0
-    material = Material(drag=4.0)  # a sheet moves far more air along than a free cloth
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -61,7 +60,7 @@ class Pressure(Task):
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
         pins = tuple(np.sort(grid.border).tolist())
-        return Scene("Pressure", grid, material, cls.frame_dt, handles=pins, pressure=True)
+        return Scene("Pressure", grid, material, cls.frame_dt, handles=pins, pressure=True, air=Air())
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

@@ -13,6 +13,7 @@ from cloth_envs.scene import Scene
 
 SHEET = ("stretch_stiffness", "shear_stiffness", "bend_stiffness", "damping", "gravity")
 # A sheet's cell class by class: three branches of its edges in the order of ``stencil.edges``, bending, the weight.
+# Twist is a sum of what the first branches multiply, so no class of its own: half of it goes with either bending.
 EDGES = ("along", "down", "right_diagonal", "left_diagonal")
 CLASSES = (
     *(f"{branch}_{edge}" for branch in ("alpha", "beta", "gamma") for edge in EDGES),

@@ -73,7 +73,7 @@ class TorchNet(ParticleSolver):
         scene, net, steps = self.scene, net_of(self.scene), int(self.substeps[0])
         held, frame = list(scene.handles), scene.frame_dt
         dt = frame / steps
-        decay = float(np.exp(-net.drag * scene.drag * dt))
+        decay = float(np.exp(-net.drag * dt))
         starts = [
             a.reshape(self.num_envs, 3, -1)[..., held].transpose(0, 2, 1) for a in (old.positions, old.velocities)
         ]
@@ -137,6 +137,6 @@ class TorchSheet(CellSheet):
                 part = Controls(**{name: value[which] for name, value in vars(controls).items()})
                 start = old.select(which)
                 x, v = (torch.as_tensor(a).to(like) for a in (start.positions, start.velocities))
-                sheets = properties(self.scene, [self._materials[i] for i in which], like)
+                sheets = properties([self._materials[i] for i in which], like)
                 x, v = frame(self.cell, self.scene, sheets, x, v, start, part, int(count), self._forces)
                 new.positions[which], new.velocities[which] = x.cpu().numpy(), v.cpu().numpy()

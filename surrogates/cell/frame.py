@@ -13,10 +13,11 @@ from surrogates.cell.sheet import TINY, Force, SheetCell, cut, place
 
 
 def air_forces(scene: Scene, x: Tensor, v: Tensor, wind: Tensor, pressure: Tensor) -> Tensor:
-    """Wind ``(B, 3)`` (Wejchert & Haumann 1991) and ``pressure`` ``(B,)`` on the four facets of every cell [N].
+    """The scene's air, moved by ``wind`` ``(B, 3)``, and ``pressure`` ``(B,)`` on the four facets of every cell [N].
 
-    See ``laws.air.wind_forces``; facets of both diagonals count half.
+    See ``laws.air.air_forces``; facets of both diagonals count half.
     """
+    air = scene.air
     places = (0, 0), (0, 1), (1, 1), (1, 0)  # upper left, upper right, lower right, lower left
     corners, speeds = ([cut(a, at, scene.grid.cells) for at in places] for a in (x, v))
     total = torch.zeros_like(x)
@@ -25,15 +26,15 @@ def air_forces(scene: Scene, x: Tensor, v: Tensor, wind: Tensor, pressure: Tenso
         force = torch.zeros_like(normal)
         if scene.pressure:
             force = force + pressure[:, None, None, None] * normal / 2
-        if scene.wind is not None:
+        if air is not None:
             twice_area = (_dot(normal, normal) + TINY).sqrt()
             n = normal / twice_area
             relative = (speeds[one] + speeds[two] + speeds[three]) / 3 - wind[:, :, None, None]
             across = _dot(n, relative)
             slide = relative - across * n
             speed = (_dot(slide, slide) + TINY).sqrt()
-            stress = scene.wind.normal * across.abs() * across * n + scene.wind.tangential * speed * slide
-            force = force - scene.wind.air_density / 4 * twice_area * stress
+            stress = (air.normal * across.abs() + air.lift * speed) * across * n + air.tangential * speed * slide
+            force = force - air.density / 4 * twice_area * stress
         for corner in (one, two, three):
             total = total + place(force / 6, places[corner], scene.grid.shape)
     return total
@@ -104,7 +105,7 @@ def frame(
     cubic = [bodies, *rest]
     for k in range(1, substeps + 1):
         force = cell(x, v, sheets)
-        if scene.wind is not None or scene.pressure:
+        if scene.air is not None or scene.pressure:
             force = force + air_forces(scene, x, v, wind, pressure)
         for extra in forces:
             force = force + extra(x, v)

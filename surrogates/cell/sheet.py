@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from cloth_envs.material import Material
-from cloth_envs.physics.laws.stencil import edges, triples
+from cloth_envs.physics.laws.stencil import edges, quads, triples
 from cloth_envs.scene import Scene
 from surrogates.cell.compiled import CLASSES
 
@@ -20,7 +20,8 @@ TINY = 1e-30  # m^2 and m^2/s^2, under roots that would have no slope at 0
 Force = Callable[[Tensor, Tensor], Tensor]  # positions, velocities -> forces, all (B, 3, H, W)
 # Of each class of edges, then of bending: rows and columns from the corner of a cell to its vertices.
 ENDS = ((0, 0), (0, 1)), ((0, 0), (1, 0)), ((0, 0), (1, 1)), ((0, 1), (1, 0))
-BENDS = ((0, 0), (0, 1), (0, 2)), ((0, 0), (1, 0), (2, 0))
+BENDS = ((0, 0), (0, 1), (0, 2)), ((0, 0), (1, 0), (2, 0)), ((0, 0), (0, 1), (1, 0), (1, 1))
+DIFFERENCES = (1, -2, 1), (1, -2, 1), (1, -1, -1, 1)  # second differences along rows and columns, the mixed one
 
 
 def place(plane: Tensor, at: tuple[int, int], shape: tuple[int, int]) -> Tensor:
@@ -34,9 +35,9 @@ def cut(field: Tensor, at: tuple[int, int], size: Sequence[int]) -> Tensor:
     return field[..., at[0] : at[0] + size[0], at[1] : at[1] + size[1]]
 
 
-def properties(scene: Scene, materials: Sequence[Material], like: Tensor) -> dict[str, Tensor]:
-    """Each of the ``materials``' properties, ``(B, 1, 1, 1)``, of the type and device of ``like``; drag as it acts."""
-    rows = [m.as_dict() | {"drag": m.drag * scene.drag} for m in materials]
+def properties(materials: Sequence[Material], like: Tensor) -> dict[str, Tensor]:
+    """Each of the ``materials``' properties, ``(B, 1, 1, 1)``, of the type and device of ``like``."""
+    rows = [m.as_dict() for m in materials]
     columns = {name: np.array([row[name] for row in rows])[:, None, None, None] for name in rows[0]}
     return {name: torch.as_tensor(a, dtype=like.dtype, device=like.device) for name, a in columns.items()}
 
@@ -69,6 +70,7 @@ class SheetCell(nn.Module):
         start = np.array([name not in ("bias_x", "bias_y") for name in CLASSES], float) if numbers is None else numbers
         self.numbers = nn.Parameter(torch.as_tensor(start, dtype=dtype))
         weights = [part.weight for parts in (self.edges, triples(grid)) for part in parts]
+        weights.append(np.full(grid.cells, quads(grid).weight))
         for k, (weight, places) in enumerate(zip(weights, (*ENDS, *BENDS), strict=True)):
             share = torch.as_tensor(weight.reshape(np.subtract(grid.shape, np.max(places, 0))), dtype=dtype)
             self.register_buffer(f"share{k}", share, persistent=False)
@@ -90,12 +92,14 @@ class SheetCell(nn.Module):
             rate = damping * (w * d).sum(1, keepdim=True) * inverse * inverse
             force = sheets[edge.modulus] * share * (pull + rate) * d
             total = total + place(force, first, self.shape) - place(force, second, self.shape)
-        for k, places in enumerate(BENDS, len(ENDS)):
+        along, down = self.numbers[12:14]
+        bends = along, down, (along + down) / 2 * sheets["twist"]
+        for k, (places, times, bend) in enumerate(zip(BENDS, DIFFERENCES, bends, strict=True), len(ENDS)):
             share = getattr(self, f"share{k}")
-            before, middle, after = (cut(x, at, share.shape) for at in places)
-            force = self.numbers[8 + k] * sheets["bend_stiffness"] * share * (before - 2 * middle + after)
-            for at, times in zip(places, (1, -2, 1), strict=True):
-                total = total - times * place(force, at, self.shape)
+            difference = sum(n * cut(x, at, share.shape) for n, at in zip(times, places, strict=True))
+            force = bend * sheets["bend_stiffness"] * share * difference
+            for n, at in zip(times, places, strict=True):
+                total = total - n * place(force, at, self.shape)
         signs = self.numbers.new_tensor([1.0, 1.0, -1.0])
         return total + self.gravity * self.mass(sheets) * (signs * self.numbers[14:])[:, None, None]
 

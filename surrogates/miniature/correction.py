@@ -75,7 +75,7 @@ class Correction:
         vectors = [near * self._nearer[:, None], u[:, self._at[1]] - u[:, :, None]]
         vectors += [change[:, self._at[2]] - change[:, :, None], u[:, :, None], change[:, :, None]]
         vectors.append(np.broadcast_to(np.array([0, 0, 1], np.float32), (*x.shape[:2], 1, 3)))
-        if self.scene.wind is not None:
+        if self.scene.windy:
             wind = after.wind.astype(np.float32)[:, None, None] * (dt / unit)
             vectors.append(np.broadcast_to(wind, (*x.shape[:2], 1, 3)))
         numbers = [np.broadcast_to(self._place, (len(x), *self._place.shape))]
@@ -118,7 +118,7 @@ class Correction:
             limit=a["limit"],
             spacing=self._unit,
             frame_dt=self._dt,
-            wind=self.scene.wind is not None,
+            wind=self.scene.windy,
             planes=[body.kind == "plane" for body in bodies],
             radii=[body.radius for body in bodies],
         )

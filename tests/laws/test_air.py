@@ -1,26 +1,32 @@
-"""Laws of the wind on triangles: terminal velocity of falling cloth, and cloth carried by the wind."""
+"""Laws of the air: falling and gliding sheets, cloth carried by the wind, flags in it."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
-from worlds import G, centre, flat, run, tube
+import pytest
+from scipy.integrate import solve_ivp
+from worlds import G, bumpy, centre, flat, run, tube
 
 from cloth_envs.grid import Grid
-from cloth_envs.material import Material
-from cloth_envs.scene import Scene, Wind
+from cloth_envs.material import FABRICS, Material
+from cloth_envs.physics.laws.air import air_forces
+from cloth_envs.scene import Air, Scene
+from cloth_envs.scenes.flag import Flag
 from cloth_envs.state import Controls, State
 
-AIR = Wind(air_density=1.2, normal=1.5, tangential=0.4, max_speed=6.0)
+AIR = Air(tangential=0.4)
 CLOTH = Material(0.2, 500.0, 150.0, 1e-4, 5e-5, drag=0)
 
 
 def test_a_flat_sheet_falls_at_its_terminal_velocity() -> None:
     grid = Grid(25, 25, 0.5, 0.5)
-    scene = Scene("fall", grid, CLOTH, 0.02, wind=AIR)
+    scene = Scene("fall", grid, CLOTH, 0.02, air=AIR)
     states, h = run(scene, State.still(flat(grid)), frames=20)
     t = np.arange(21) * scene.frame_dt
     # m g = rho C_n A v^2 / 2, and on the way there v = v_t tanh(g t / v_t).
-    terminal = (2 * 0.2 * G / (AIR.air_density * AIR.normal)) ** 0.5
+    terminal = (2 * 0.2 * G / (AIR.density * AIR.normal)) ** 0.5
     fall = -centre(scene, states, "velocities")[:, 2]
     # First-order steps: h g / 2 * max |v''| / g, under h g. Every vertex has the same force per mass.
     assert abs(fall - terminal * np.tanh(G * t / terminal)).max() <= h * G
@@ -33,11 +39,11 @@ def test_a_flat_sheet_falls_at_its_terminal_velocity() -> None:
 
 def test_a_tube_falls_along_its_axis_by_tangential_drag() -> None:
     grid = Grid(6, 16, 0.4, 0.5, periodic=True)
-    scene = Scene("sink", grid, CLOTH.with_changes(bend_stiffness=0), 0.02, wind=AIR)
+    scene = Scene("sink", grid, CLOTH.with_changes(bend_stiffness=0), 0.02, air=AIR)
     state = State.still(tube(grid, grid.col_spacing / (2 * np.sin(np.pi / grid.cols))))
     states, h = run(scene, state, frames=60)
     t = np.arange(61) * scene.frame_dt
-    terminal = (2 * 0.2 * G / (AIR.air_density * AIR.tangential)) ** 0.5
+    terminal = (2 * 0.2 * G / (AIR.density * AIR.tangential)) ** 0.5
     fall = -centre(scene, states, "velocities")[:, 2]
     # Every vertex has the same force per mass here: only the step's error is left.
     assert abs(fall - terminal * np.tanh(G * t / terminal)).max() <= h * G
@@ -47,7 +53,7 @@ def test_a_tube_falls_along_its_axis_by_tangential_drag() -> None:
 
 def test_wind_carries_a_tube_away() -> None:
     grid = Grid(6, 16, 0.4, 0.5, periodic=True)
-    scene = Scene("carry", grid, CLOTH.with_changes(bend_stiffness=0), 0.02, wind=AIR, gravity=0)
+    scene = Scene("carry", grid, CLOTH.with_changes(bend_stiffness=0), 0.02, air=AIR, gravity=0)
     state = State.still(tube(grid, grid.col_spacing / (2 * np.sin(np.pi / grid.cols))))
     controls = Controls.hold(state, ())
     wind = 5.0
@@ -55,7 +61,7 @@ def test_wind_carries_a_tube_away() -> None:
     states, h = run(scene, state, controls, frames=60)
     t = np.arange(61) * scene.frame_dt
     # dv/dt = k (w - v)^2, k = rho C_t / (2 sigma): v = w - w / (1 + k w t).
-    k = AIR.air_density * AIR.tangential / (2 * 0.2)
+    k = AIR.density * AIR.tangential / (2 * 0.2)
     speed = centre(scene, states, "velocities")[:, 2]
     assert abs(speed - wind + wind / (1 + k * wind * t)).max() <= h * k * wind**2
     assert speed[-1] > 0.8 * wind
@@ -63,7 +69,7 @@ def test_wind_carries_a_tube_away() -> None:
 
 def test_a_wind_that_the_sheet_moves_with_does_nothing() -> None:
     grid = Grid(6, 7, 0.4, 0.5)
-    scene = Scene("drift", grid, CLOTH, 0.02, wind=AIR, gravity=0)
+    scene = Scene("drift", grid, CLOTH, 0.02, air=AIR, gravity=0)
     state = State.still(flat(grid))
     wind = np.array([1.0, -2.0, 3.0])
     state.velocities[:] = wind[:, None, None]
@@ -71,3 +77,61 @@ def test_a_wind_that_the_sheet_moves_with_does_nothing() -> None:
     controls.wind[:] = wind
     states, _ = run(scene, state, controls, frames=10)
     np.testing.assert_allclose(states[-1].velocities, state.velocities, atol=1e-12)
+
+
+@pytest.mark.parametrize("fabric", ["silk", "cotton", "default", "denim"])
+def test_a_wavy_sheet_falls_as_a_plate_does(fabric: str) -> None:
+    material, air = FABRICS[fabric], Air()
+    scene = Scene("fall", Grid(17, 17, 1.0, 1.0), material, 0.02, air=air)
+    states, _ = run(scene, State.still(bumpy(scene.grid, 1)), frames=25, dtype="float32")
+    # m v' = m g - rho/2 C_n A v^2: .87, 1.19, 1.47 and 2.05 m/s after half a second.
+    terminal = (2 * material.areal_density * G / (air.density * air.normal)) ** 0.5
+    assert -centre(scene, states, "velocities")[-1, 2] == pytest.approx(
+        terminal * np.tanh(G * 0.5 / terminal), rel=0.05
+    )
+
+
+@pytest.mark.parametrize("degrees", [10.0, 30.0, 60.0])
+def test_a_tilted_sheet_glides(degrees: float) -> None:
+    air, tilt = Air(), np.radians(degrees)
+    normal = np.array([np.sin(tilt), 0.0, np.cos(tilt)])
+    scene = Scene("glide", Grid(9, 9, 0.5, 0.5), CLOTH, 0.02, air=air)
+    state = State.still(flat(scene.grid, right=(np.cos(tilt), 0.0, -np.sin(tilt))))
+    states, h = run(scene, state, frames=40)
+
+    def rate(_: float, v: np.ndarray) -> np.ndarray:
+        through = normal @ v
+        slide = v - through * normal
+        speed = np.linalg.norm(slide)
+        push = (air.normal * abs(through) + air.lift * speed) * through * normal + air.tangential * speed * slide
+        return np.array([0.0, 0.0, -G]) - air.density / (2 * CLOTH.areal_density) * push
+
+    plate = solve_ivp(rate, (0, 0.8), np.zeros(3), rtol=1e-8, atol=1e-8).y[:, -1]
+    found = centre(scene, states, "velocities")[-1]
+    assert abs(found - plate).max() <= h * G  # first-order steps; the same force on every vertex keeps it flat
+    assert found[0] > 0.25 * -found[2]  # forward, down the slope
+
+
+@pytest.mark.parametrize(("fabric", "limp", "flies"), [("silk", 1.0, 1.5), ("default", 1.0, 2.0), ("denim", 2.0, 3.5)])
+def test_a_flag_flaps_the_faster_the_stronger_the_wind(fabric: str, limp: float, flies: float) -> None:
+    grid, winds, steady = Grid(13, 19, 1.0, 1.5), np.array([limp, flies, 3.5, 6.0, 12.0]), slice(200, None)
+    scene = replace(Flag.build_scene(grid, FABRICS[fabric]), frame_dt=0.02)
+    x = np.zeros((len(winds), 3, *grid.shape))
+    along = np.linspace(0, 1, grid.cols)
+    x[:, 0], x[:, 1] = grid.width * along, 0.01 * along * np.sin(8 * along)
+    x[:, 2] = -np.linspace(0, grid.height, grid.rows)[:, None]
+    state = State.still(x)
+    controls = Controls.hold(state, scene.handles)
+    controls.wind[:, 0] = winds
+    states = run(scene, state, controls, 400, dtype="float32")[0][steady]
+    middle = np.array([s.positions[:, :, grid.rows // 2] for s in states])  # (T, B, 3, W)
+    droop = (middle[:, :, 2, 0] - middle[:, :, 2, -1]).mean(0)
+    assert droop[0] > 0.65 > droop[1]  # m of 1.5: the wind lifts it between these two speeds
+    speed = np.sqrt(np.mean([(s.velocities**2).sum(1).mean((1, 2)) for s in states], 0))
+    assert speed[-1] / winds[-1] > 0.1  # a flag that does not flap lies still in a storm
+    sway = middle[:, :, 1, -1] - middle[:, :, 1, -1].mean(0)
+    turns = (np.diff(np.signbit(sway[:, 2:]), axis=0)).sum(0)
+    assert (turns[1:] > 1.3 * turns[:-1]).all()
+    drag = np.mean([air_forces(scene, s.positions, s.velocities, controls.wind)[:, 0].sum((1, 2)) for s in states], 0)
+    drag /= Air().density / 2 * winds**2 * grid.height * grid.width
+    assert ((drag[2:] > 0.04) & (drag[2:] < 0.4)).all()

@@ -10,7 +10,7 @@ from worlds import THREADS, flat, frequency, rates, run, simulate
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import FABRICS, Material
-from cloth_envs.physics.laws.air import pressure_forces, wind_forces
+from cloth_envs.physics.laws.air import air_forces, pressure_forces
 from cloth_envs.physics.laws.sheet import (
     bend_energy,
     damper_forces,
@@ -19,7 +19,7 @@ from cloth_envs.physics.laws.sheet import (
     masses,
     spring_energy,
 )
-from cloth_envs.scene import Scene, Wind
+from cloth_envs.scene import Air, Scene
 from cloth_envs.state import Controls, State
 
 CLOTH = Material(0.2, 100.0, 30.0, 1e-4, damping=1e-3, drag=0.8)
@@ -40,8 +40,8 @@ def balance(scene: Scene, states: list[State], controls: Controls) -> np.ndarray
             + bend_energy(grid, materials, x)
             + gravity_energy(grid, materials, x, scene.gravity)
         )
-        force = damper_forces(grid, materials, x, v) + wind_forces(scene, x, v, controls.wind)
-        force -= scene.material.drag * scene.drag * masses(grid, materials) * v
+        force = damper_forces(grid, materials, x, v) + air_forces(scene, x, v, controls.wind)
+        force -= scene.material.drag * masses(grid, materials) * v
         if scene.pressure:
             force += pressure_forces(grid, x, controls.pressure)
         power.append((force * v * free).sum((1, 2, 3)))
@@ -53,7 +53,7 @@ def test_energy_balance_closes_as_the_step_shrinks() -> None:
     grid = Grid(6, 7, 0.5, 0.6)
     errors, spent = [], 0.0
     for steps in (200, 400, 800):
-        scene = Scene("swing", grid, CLOTH, 0.25 / steps, handles=(0, 6), wind=Wind(), pressure=True)
+        scene = Scene("swing", grid, CLOTH, 0.25 / steps, handles=(0, 6), air=Air(max_wind=12.0), pressure=True)
         state = State.still(flat(grid))
         controls = Controls.hold(state, scene.handles)
         controls.wind[:] = [1.0, 3.0, 0.5]
@@ -103,7 +103,7 @@ def test_no_fabric_gains_energy_at_its_largest_step(fabric: str) -> None:
 
 def test_positions_converge_at_first_order_in_the_step() -> None:
     grid = Grid(7, 6, 0.5, 0.6)
-    scene = Scene("swing", grid, CLOTH, 0.05, handles=(0, 5), wind=Wind())
+    scene = Scene("swing", grid, CLOTH, 0.05, handles=(0, 5), air=Air(max_wind=12.0))
     state = State.still(flat(grid))
     controls = Controls.hold(state, scene.handles)
     controls.wind[:] = [0.5, 3.0, 1.0]

@@ -6,13 +6,20 @@ Drag of twice the slowest frequency ``w`` (critical) leaves ``(1 + w t) exp(-w t
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from worlds import THREADS, G, flat, rates, settle, tube
+from scipy.sparse.linalg import spsolve
+from worlds import THREADS, G, flat, rates, run, settle, tube
 
 from cloth_envs.grid import Grid
-from cloth_envs.scene import Scene
+from cloth_envs.physics.implicit.prefactored import bending_matrix
+from cloth_envs.physics.laws.air import pressure_forces
+from cloth_envs.physics.laws.stencil import edges
+from cloth_envs.physics.solver import pressure_bound
+from cloth_envs.scene import Air, Scene
 from cloth_envs.state import Controls, State
 
 LEFT = 1e-7
@@ -89,6 +96,28 @@ def test_cantilever_sag_is_that_of_a_beam_at_every_resolution() -> None:
     assert (abs(sags - 1) <= spacing**2 + 2e-4).all()
 
 
+def clamped_sag(rows: int, degrees: float, length: float = 0.3) -> float:
+    """Sag over ``q L^4 / (384 B)`` in the middle of a band across a square sheet, clamped on either side of it."""
+    grid, bend, angle = Grid(rows, rows, 1.0, 1.0), 0.1, np.radians(degrees)
+    x, y = flat(grid)[0, :2]
+    across = np.cos(angle) * (x - 0.5) + np.sin(angle) * (y + 0.5)
+    free = (abs(across) < length / 2 - 1e-9).ravel()
+    matrix = bending_matrix(grid, THREADS.with_changes(bend_stiffness=bend))[free][:, free]
+    z = np.zeros(grid.vertices)
+    z[free] = spsolve(matrix.tocsc(), -THREADS.areal_density * G * grid.areas.ravel()[free])
+    # Two lines of held vertices fix the slope half way between them: a line farther than the free ones on each side.
+    line = grid.row_spacing * (np.sqrt(0.5) if degrees == 45 else 1.0)
+    clear = (2 * np.floor((length / 2 - 1e-9) / line) + 3) * line
+    return float(-z[grid.vertices // 2] * 384 * bend / (THREADS.areal_density * G * clear**4))
+
+
+def test_a_clamped_band_sags_alike_along_rows_and_on_the_bias() -> None:
+    sags = np.array([[clamped_sag(rows, degrees) for degrees in (0, 45, 90)] for rows in (33, 65)])
+    # Second order in the spacing s: the sag is a double sum instead of an integral, as the cantilever's.
+    assert (abs(sags - 1) <= 2 * (np.array([[1 / 32], [1 / 64]]) / 0.3) ** 2).all()
+    assert np.ptp(sags[-1]) < 0.03
+
+
 def test_a_sheet_pinned_at_two_sides_bulges_into_an_arc() -> None:
     errors = []
     stiffness, pressure, width = 200.0, 1.8, 1.0
@@ -162,3 +191,39 @@ def test_a_tube_under_pressure_widens_by_its_hoop_tension() -> None:
         np.testing.assert_allclose(radius, polygon, rtol=LEFT)
         # The tube: T = p R, so R = R0 / (1 - |p| R0 / Y); the polygon's R0 is larger by (pi/n)^2 / 6.
         assert radius.mean() == pytest.approx(0.2 / (1 + pressure * 0.2 / stiffness), rel=(np.pi / n) ** 2 / 6)
+
+
+def test_an_open_tube_under_pressure_lives_or_bursts_aloud() -> None:
+    """It drives itself about and stretches without bound in a vacuum; air limits that."""
+    grid = Grid(5, 12, 0.4, 2 * np.pi * 0.2, periodic=True)
+    material = THREADS.with_changes(stretch_stiffness=100.0, shear_stiffness=30.0, damping=5e-5)
+    state = State.still(tube(grid, grid.col_spacing / (2 * np.sin(np.pi / grid.cols))))
+    state.positions += 1e-3 * np.random.default_rng(0).normal(size=state.positions.shape)
+    controls = Controls.hold(state, ())
+    controls.pressure[:] = -400.0  # p R = 80 N/m of 100 N/m
+    scene = Scene("tube", grid, material, 0.02, pressure=True, gravity=0.0)
+    with pytest.raises(ValueError, match=r"a pressure of .* (burst the cloth|needs)"):
+        run(scene, state, controls, 100)
+    states, _ = run(replace(scene, air=Air()), state, controls, 100)
+    x = np.concatenate([s.positions for s in states])
+    assert abs(x - x.mean((2, 3), keepdims=True)).max() < 2 * grid.height
+
+
+@pytest.mark.parametrize("pressure", [50.0, 1e3, 1e4])
+def test_the_step_allows_for_pressure(pressure: float) -> None:
+    """The bound holds for the matrix itself: of a grid's random shapes with no edge longer than twice its length."""
+    grid = Grid(4, 5, 0.3, 0.6)
+    scene = Scene("pushed", grid, THREADS, 0.02, pressure=True)
+    bound = pressure_bound(scene, THREADS, pressure)
+    rng = np.random.default_rng(0)
+    for spread in (0.0, 0.1, 0.4):
+        x = flat(grid) + spread * grid.row_spacing * rng.normal(size=(1, 3, *grid.shape))
+        ends = [x.reshape(3, -1)[:, e.second] - x.reshape(3, -1)[:, e.first] for e in edges(grid)]
+        longest = max((np.linalg.norm(d, axis=0) / e.rest).max() for d, e in zip(ends, edges(grid), strict=True))
+        x *= 2 / longest
+        units = np.eye(3 * grid.vertices).reshape(-1, 3, *grid.shape)
+        p = np.full(len(units), pressure)
+        slope = pressure_forces(grid, x + units, p) - pressure_forces(grid, x - units, p)  # quadratic in x: exact
+        root = np.sqrt(np.broadcast_to(scene.mass, (3, *grid.shape)).ravel())
+        size = np.linalg.norm(slope.reshape(len(units), -1) / 2 / root / root[:, None], 2)
+        assert 0.2 * bound < size < bound

@@ -10,7 +10,7 @@ from worlds import flat, simulate
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.state import Controls, State
 
 CLOTH = Material(0.2, 300.0, 90.0, 1e-4, 5e-5, 0.5)
@@ -64,7 +64,7 @@ def test_a_mirrored_scene_stays_mirrored(cols: int) -> None:
 def test_the_transposed_grid_does_the_same() -> None:
     grid = Grid(7, 10, 0.4, 0.6)
     other = Grid(10, 7, 0.6, 0.4)
-    scene = Scene("drape", grid, CLOTH, 0.02, handles=(0,), wind=Wind(), pressure=True)
+    scene = Scene("drape", grid, CLOTH, 0.02, handles=(0,), air=Air(max_wind=12.0), pressure=True)
     state = State.still(flat(grid))
     controls = Controls.hold(state, scene.handles)
     controls.wind[:] = [1.0, 2.0, 3.0]
@@ -79,7 +79,7 @@ def test_the_transposed_grid_does_the_same() -> None:
 
 def test_air_on_a_mirrored_scene_is_mirrored() -> None:
     grid = Grid(9, 9, 0.5, 0.5)
-    scene = Scene("flag", grid, CLOTH, 0.02, handles=tuple(range(9)), wind=Wind(), pressure=True)
+    scene = Scene("flag", grid, CLOTH, 0.02, handles=tuple(range(9)), air=Air(max_wind=12.0), pressure=True)
     state = State.still(flat(grid))
     controls = Controls.hold(state, scene.handles)
     controls.wind[:], controls.pressure[:] = [0.0, 1.0, 3.0], 2.0
@@ -92,7 +92,7 @@ def test_air_on_a_mirrored_scene_is_mirrored() -> None:
 @pytest.mark.parametrize("angle", [np.pi / 2, 0.7])
 def test_turning_the_world_about_the_vertical_turns_the_motion(angle: float) -> None:
     scene, state, controls = draped(Grid(9, 8, 0.5, 0.6))
-    scene = replace(scene, wind=Wind(), pressure=True)
+    scene = replace(scene, air=Air(max_wind=12.0), pressure=True)
     controls.wind[:] = [1.0, 4.0, 0.5]
     controls.pressure[:] = 3.0
     controls.handle_positions[..., 1] += 0.01

@@ -17,7 +17,7 @@ from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.laws.step import step
-from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.state import Controls, State
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 
@@ -28,7 +28,7 @@ TERMS: dict[str, tuple[Material, dict[str, Any], int]] = {
     "springs": (Material(bend_stiffness=0.0, damping=0.0), {}, 126),
     "+ dampers": (Material(bend_stiffness=0.0), {}, 174),
     "+ bending": (Material(), {}, 217),
-    "+ wind": (Material(), {"wind": Wind()}, 217 + 168),
+    "+ wind": (Material(), {"air": Air()}, 217 + 168),
     "+ pressure, no wind": (Material(), {"pressure": True}, 217 + 59),
     "+ sphere, no wind": (Material(), {"colliders": (Collider("sphere", 0.3),)}, 217 + 70),
 }

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.linalg import lstsq
 
 from cloth_envs.physics.explicit.solver import ExplicitSolver
-from cloth_envs.physics.laws.air import pressure_forces, wind_forces
-from cloth_envs.physics.laws.stencil import edges, triples
+from cloth_envs.physics.laws.air import air_forces, pressure_forces
+from cloth_envs.physics.laws.stencil import edges, quads, triples
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from surrogates.cell.compiled import CLASSES, SHARED, SHEET, CellSheet
@@ -42,22 +42,26 @@ def columns(scene: Scene, x: np.ndarray, v: np.ndarray) -> np.ndarray:
         second = material.bend_stiffness * t.weight * (x[:, t.before] - 2 * x[:, t.middle] + x[:, t.after])
         for vertices, share in ((t.before, -1), (t.middle, 2), (t.after, -1)):
             found[k][:, vertices] += share * second
+    q = quads(scene.grid)
+    mixed = x[:, q.upper_left] - x[:, q.upper_right] - x[:, q.lower_left] + x[:, q.lower_right]
+    for vertices, sign in zip(q[:4], (-1, 1, 1, -1), strict=True):
+        found[12:14, :, vertices] += sign * material.bend_stiffness * material.twist * q.weight / 2 * mixed
     found /= mass
     found[-3:] = scene.gravity * np.array([1.0, 1.0, -1.0])[:, None, None] * np.eye(3)[:, :, None]
     return found.reshape(len(CLASSES), -1)
 
 
 def accelerations(scene: Scene, state: State, controls: Controls, substeps: int) -> np.ndarray:
-    """What the cell has to give: a substep of the reference, less drag, wind and pressure, ``(3 N,)`` [m/s^2].
+    """What the cell has to give: a substep of the reference, less drag, air and pressure, ``(3 N,)`` [m/s^2].
 
     The step is taken without handles and bodies, so that driven vertices tell their forces as well.
     """
-    h, drag = scene.frame_dt / substeps, scene.material.drag * scene.drag
+    h, drag = scene.frame_dt / substeps, scene.material.drag
     solver = ExplicitSolver(replace(scene, frame_dt=h, handles=(), colliders=()), dtype="float64", substeps=1)
     after = bare_step(solver, state, wind=controls.wind, pressure=controls.pressure)
     kick = -np.expm1(-drag * h) / drag if drag else h
     total = (after - state.velocities * np.exp(-drag * h)) / kick
-    air = wind_forces(scene, state.positions, state.velocities, controls.wind)
+    air = air_forces(scene, state.positions, state.velocities, controls.wind)
     if scene.pressure:
         air = air + pressure_forces(scene.grid, state.positions, controls.pressure)
     return (total - air / scene.mass)[0].ravel()

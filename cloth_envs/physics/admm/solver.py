@@ -47,14 +47,15 @@ def eigenvalues(grid: Grid, material: Material, h: float) -> np.ndarray:
     """Of ``M / h^2 + K`` relative to the vertices' weights, ``(H, W)`` [N/m], in the order of ``modes``.
 
     ``K`` holds ``WEIGHT`` times the springs, their dashpots ``c`` as ``c / h``, and bending. At free borders
-    bending has a term less than on a mirrored grid: the matrix is then an upper bound of the true one.
+    its second differences have a term less than on a mirrored grid: the matrix is then an upper bound of the true one.
     """
     a, b, d = grid.row_spacing, grid.col_spacing, grid.diagonal
     row, col = modes(grid.rows, False)[1][:, None], modes(grid.cols, grid.periodic)[1][None, :]
     springs = WEIGHT * (1 + material.damping / h)
     stretch = springs * material.stretch_stiffness * (a / b * (2 - 2 * col) + b / a * (2 - 2 * row))
     shear = springs * material.shear_stiffness * d * d / (2 * a * b) * (4 - 4 * row * col)
-    bend = material.bend_stiffness * (a / b**3 * (2 - 2 * col) ** 2 + b / a**3 * (2 - 2 * row) ** 2)
+    bend = a / b**3 * (2 - 2 * col) ** 2 + b / a**3 * (2 - 2 * row) ** 2
+    bend = material.bend_stiffness * (bend + material.twist * 2 / (a * b) * (2 - 2 * col) * (2 - 2 * row))
     return material.areal_density * a * b / h**2 + stretch + shear + bend
 
 
@@ -73,13 +74,13 @@ class AdmmSolver(Solver):
     """Implicit Euler by P-ADMM (Overby et al. 2017).
 
     A step minimises ``|x - x~|_M^2 / (2 h^2) + sum U_i(D_i x)``, ``x~ = x + h v + h^2 M^-1 f``, where ``f`` is
-    gravity, wind and pressure at the step's start. An iteration takes, for every spring, ``y = D x + u``,
+    gravity, air and pressure at the step's start. An iteration takes, for every spring, ``y = D x + u``,
     ``z = argmin U(z) + w^2 |z - y|^2 / 2``, ``u <- y - z``, and then solves
     ``(M / h^2 + D^T W^2 D) x = M x~ / h^2 + D^T W^2 (z - u)`` with handles where the frame's cubic has them.
 
     - The spring's ``z = (k L y^ + w^2 y) / (k + w^2)`` with ``w^2 = 0.2 k``. The start is ``z = D x_t``, ``u = 0``,
       and for x the prediction ``x~``. A dashpot ``c`` adds ``c (|d| - |d_t|)^2 / (2 h)``; bending lies in the matrix.
-    - Wind on a facet is weakened to what it can do in a step, ``1 / (1 + a |u| h)``.
+    - The air's force on a facet is weakened to what it can do in a step, ``1 / (1 + a |u| h)``.
     - Bodies act by forces with Coulomb friction, detected again in each iteration; a last projection takes
       every vertex out of them.
 
@@ -129,8 +130,7 @@ class AdmmSolver(Solver):
         made: dict[Material, Any] = {}
         for i, m in zip(which, materials, strict=True):
             if m not in made:
-                material = kernel_material(scene, m)
-                made[m] = self._kernel.system(material, *_matrix(scene.grid, m, h, scene.handles))
+                made[m] = self._kernel.system(kernel_material(m), *_matrix(scene.grid, m, h, scene.handles))
             self._systems[i] = made[m]
 
     def step(self, old: State, new: State, controls: Controls) -> None:

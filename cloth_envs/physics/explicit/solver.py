@@ -1,57 +1,35 @@
-"""The default reference solver: symplectic Euler at the largest stable step, compiled."""
+"""The default reference solver: velocity Verlet at the largest stable step, compiled."""
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 import _minicloth_kernels as kernels
 import numpy as np
 
 from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
-from cloth_envs.physics.solver import Solver, kernel_material, kernel_sheet, stiffness_bound
+from cloth_envs.physics.explicit.bounds import intervals, stable_step
+from cloth_envs.physics.laws.diagnostics import strains
+from cloth_envs.physics.solver import PRESSURE, STRETCH, Solver, kernel_material, kernel_sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
 MAX_SUBSTEPS = 20_000  # per frame
-SAFETY = 0.9
-
-
-@lru_cache(maxsize=1024)  # an environment asks before it sets a material
-def stable_step(scene: Scene, material: Material) -> float:
-    """The step ``h`` [s] for which ``h^2 K + 2 h C <= 4 M`` with safety 0.9.
-
-    Symplectic Euler with the damping force taken at the old velocity has, for each mode, the
-    characteristic polynomial ``z^2 - (2 - h c - h^2 k) z + (1 - h c)``; its roots stay in the unit
-    circle while ``h^2 k + 2 h c <= 4``. ``c`` holds the dashpots (``damping`` times the springs'
-    stiffness) and the slope of the wind's force at twice the fastest wind. Every spring adds the larger of what
-    it adds lengthened and shortened, so the step is the smaller one of a sheet of either.
-    """
-    springs, bending = stiffness_bound(scene, material)
-    air = 0.0
-    if scene.wind is not None:
-        coefficient = max(scene.wind.normal, scene.wind.tangential)
-        air = scene.wind.air_density * coefficient * 2 * scene.wind.max_speed / material.areal_density
-
-    def step(stiffness: float, damping: float) -> float:
-        k, c = stiffness * springs + bending, damping * material.damping * springs + air
-        return 2 / (np.sqrt(c * c / 4 + k) + c / 2)
-
-    return SAFETY * min(step(1, 1), step(material.compression, material.compression_damping))
 
 
 class ExplicitSolver(Solver):
-    """Symplectic Euler, ``v += h a(x, v)`` then ``x += h v``, in equal substeps of a frame.
+    """Velocity Verlet in equal substeps of a frame; bending and the air act as impulses every few of them (r-RESPA).
 
     The number of substeps comes from a bound on the spectrum (``stable_step``), so every
-    material that is not refused is stable. Handles and bodies move on cubics through the frame.
+    material that is not refused is stable; a frame in a pressure of over 100 Pa is stepped in as many more as that
+    needs. Handles and bodies move on cubics through the frame.
 
     Args, beside those of ``Solver``:
         substeps: per frame, instead of the largest stable step; not below the stable number.
         refine: multiplies the number of substeps (4 for truth).
 
     Raises:
-        ValueError: a bad argument, or a material so stiff or light that a frame would need more
-            than 20,000 substeps.
+        ValueError: a bad argument, or a material so stiff or light (in ``advance``: a pressure so large) that a frame
+            would need more than 20,000 substeps, or more than ``substeps``; a cloth burst by more than 100 Pa.
     """
 
     yields = True
@@ -71,8 +49,8 @@ class ExplicitSolver(Solver):
         self._wanted = None if substeps is None else whole_number("substeps", substeps)
         kernel = kernels.Explicit32 if self.dtype == np.float32 else kernels.Explicit64
         self._kernel = kernel(kernel_sheet(scene))
-        self._felt = [kernel_material(scene, scene.material)] * num_envs
-        self.substeps = np.ones(num_envs, np.int32)
+        self._stepped = [scene.material] * num_envs
+        self._felt = [kernel_material(scene.material)] * num_envs
         self.cuts = np.ones((num_envs, 3), np.int32)
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
@@ -80,23 +58,59 @@ class ExplicitSolver(Solver):
         super().check_material(material)
         self._count(material)
 
+    @property
+    def substeps(self) -> np.ndarray:
+        """In a frame of each cloth, ``(B,)``."""
+        return self.cuts[:, 0]
+
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         for i, m in zip(which, materials, strict=True):
-            self._felt[i], self.substeps[i] = kernel_material(self.scene, m), self._count(m)
-            self.cuts[i] = (self.substeps[i], 8, 8)
+            self._stepped[i], self._felt[i], self.cuts[i] = m, kernel_material(m), self._cut(m)
 
-    def _count(self, material: Material) -> int:
+    def _cut(
+        self, material: Material, pressure: float = PRESSURE, cause: str = "this material"
+    ) -> tuple[int, int, int]:
+        """How a frame is cut: substeps, and after how many bending and the air act. Raises ValueError: see ``_count``."""
+        count = self._count(material, pressure, cause)
+        return count, *intervals(self.scene, material, self.scene.frame_dt / count, pressure)
+
+    def _count(self, material: Material, pressure: float = PRESSURE, cause: str = "this material") -> int:
         """Substeps in a frame. Raises ValueError: more than the limit, or fewer wanted than are stable."""
-        least = np.ceil(self.scene.frame_dt / stable_step(self.scene, material))
+        least = np.ceil(self.scene.frame_dt / stable_step(self.scene, material, pressure))
         count = least * self._refine if self._wanted is None else self._wanted
         if count < least:
-            raise ValueError(f"substeps={count} is unstable for this grid and material; use at least {least:.0f}")
+            what = cause.removeprefix("this ")
+            raise ValueError(f"substeps={count} is unstable for this grid and {what}; use at least {least:.0f}")
         if not count <= MAX_SUBSTEPS:
             raise ValueError(
-                f"this material needs {count:.0f} substeps a frame, the limit is {MAX_SUBSTEPS}: lower its stiffness "
+                f"{cause} needs {count:.0f} substeps a frame, the limit is {MAX_SUBSTEPS}: lower its stiffness "
                 "or damping, raise its areal_density, or use a coarser resolution"
             )
         return int(count)
 
+    def _cuts(self, positions: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+        """``cuts`` of a frame from ``positions`` in a ``pressure`` ``(B,)`` [Pa].
+
+        What pressure does grows with the edges' lengths: they may double in a frame.
+        """
+        high = abs(pressure) > PRESSURE if self.scene.pressure else np.False_
+        if not high.any():
+            return self.cuts
+        cuts = self.cuts.copy()
+        for i in np.flatnonzero(high):
+            with np.errstate(all="ignore"):
+                stretch = 1 + strains(self.scene.grid, positions[[i]]).max()
+                load = abs(pressure[i]) * max(2 * stretch / STRETCH, 1.0)
+                load = 2 ** (np.ceil(4 * np.log2(load)) / 4)  # few different ones
+            cause = f"a pressure of {pressure[i]:g} Pa on cloth that it stretched {stretch:.3g} times"
+            cuts[i] = self._cut(self._stepped[i], float(load), cause)
+        return cuts
+
     def step(self, old: State, new: State, controls: Controls) -> None:
-        self._kernel.advance(old, new, controls, self._felt, self.cuts, self.threads)
+        cuts = self._cuts(old.positions, controls.pressure)
+        self._kernel.advance(old, new, controls, self._felt, cuts, self.threads)
+        if cuts is not self.cuts and not np.isfinite(new.positions).all():
+            raise ValueError(
+                f"a pressure of {abs(controls.pressure).max():g} Pa burst the cloth: lower it, raise the cloth's "
+                "stretch_stiffness, or give a larger refine"
+            )

@@ -8,7 +8,7 @@ from scipy import sparse
 from cloth_envs.extras import install
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.laws.stencil import edges, triples
+from cloth_envs.physics.laws.stencil import edges, quads, triples
 
 
 def _gram(grid: Grid, vertices: tuple[np.ndarray, ...], signs: list[float], weight: np.ndarray) -> sparse.csr_array:
@@ -34,6 +34,9 @@ def bending_matrix(grid: Grid, material: Material) -> sparse.csr_array:
     for t in triples(grid):
         weight = material.bend_stiffness * t.weight
         total = total + _gram(grid, (t.before, t.middle, t.after), [1.0, -2.0, 1.0], weight)
+    q = quads(grid)
+    weight = np.full(len(q.upper_left), material.bend_stiffness * material.twist * q.weight)
+    total = total + _gram(grid, q[:4], [1.0, -1.0, -1.0, 1.0], weight)
     return total.tocsr()
 
 

@@ -17,11 +17,12 @@ SLACK = 1e-3  # of the thickness: how near to a body a vertex counts as touching
 
 
 class ImplicitSolver(Solver):
-    """Each step is the minimum of ``|x - x^|_M^2 / (2 h^2) + springs + bending + h Psi_wind``, outside the bodies.
+    """Each step is the minimum of ``|x - x^|_M^2 / (2 h^2) + springs + bending + h Psi_air``, outside the bodies.
 
     ``x^ = x + h D v + h^2 phi g`` with the drag's exact ``D`` and ``phi``. A dashpot is a change of its spring's
-    stiffness and length, the wind of Wejchert & Haumann 1991 a convex dissipation potential on facets whose normals
-    and areas are those at the step's start; so is the pressure's force. The minimum is found by L-BFGS with the
+    stiffness and length, the air a convex dissipation potential ``rho/2 A (C_n |u_n|^3 / 3 + C_l s u_n^2 / 2
+    + C_t |u_t|^3 / 3)`` on facets whose normals, areas and, for the lift, sliding speeds ``s = |u_t|`` are those at the
+    step's start; so is the pressure's force. The minimum is found by L-BFGS with the
     prefactored projective-dynamics matrix as initial Hessian (Liu, Bouaziz & Kavan 2017) and a line search.
 
     Contact: every iterate lies outside the bodies. Vertices that a gradient presses against a body move along its

@@ -60,8 +60,7 @@ class ImplicitStep:
         self.scheme, self.substeps, self.window = scheme, substeps, window
         self.enough, self.max_iterations = tolerance * GRAVITY, max_iterations
         self.mass = scene.grid.areas.ravel() * material.areal_density
-        drag = material.drag if scene.drag else 0.0
-        self.material = kernel_material(scene, material)
+        drag, self.material = material.drag, kernel_material(material)
         self.h, self.held = scene.frame_dt / substeps, list(scene.handles)
         self.tau = tau = GAMMA[scheme] * self.h
         if scheme == "euler":  # as the explicit solver: exact for a constant force
@@ -71,6 +70,7 @@ class ImplicitStep:
             self.decay = self.push = 1 / (1 + drag * tau)
         self._scale = SHARE * (1 + material.damping / tau)
         self._system = implicit_system(scene.grid, material, tau * np.sqrt(self.push * self._scale), scene.handles)
+        self._lift = scene.air is not None and scene.air.lift > 0
         self._still = np.zeros((len(scene.handles), 3))
         self.iterations, self.residual = 0, 0.0
 
@@ -87,7 +87,7 @@ class ImplicitStep:
             s0, s1 = k / self.substeps, (k + 1) / self.substeps
             if self.scheme == "euler":
                 bodies = drive.bodies_at(s0)
-                x, v, _ = self._stage(drive, secants, x, x, v, x, bodies, bodies, s1)
+                x, v, _ = self._stage(drive, secants, x, x, v, v, x, bodies, bodies, s1)
             else:
                 x, v = self._sdirk2(x, v, drive, secants, s0, s1)
             v[:, self.held] = drive.handles_at(s1)[1]
@@ -99,7 +99,8 @@ class ImplicitStep:
         """``x1 = x + tau v1``, then ``x2 = x + (h - tau) v1 + tau v2``, the same for v; ``tau = (1 - 1/sqrt 2) h``.
 
         The acceleration of the first stage, without the reactions of contact (an impact is not repeated), is
-        ``(v1 - v) / tau``. Directions and areas come from places that are right to O(h^2): order 2 stays.
+        ``(v1 - v) / tau``. Directions and areas come from places, and the air's sliding speeds from velocities, that
+        are right to O(h^2): order 2 stays. Where the air has lift this takes the first stage twice.
         """
         rest, held = self.h - self.tau, self.held
         middle = s0 + GAMMA["sdirk2"] * (s1 - s0)
@@ -107,15 +108,20 @@ class ImplicitStep:
         place, speed = drive.handles_at(middle)
         base = x.copy()
         base[:, held] = place - self.tau * speed  # so that dashpots feel the handles' own velocity
-        x1, v1, reaction = self._stage(drive, secants, x, base, v, x + self.tau * v, bodies0, bodies0, middle)
-        v1[:, held] = speed
+        slide = v
+        for _ in range(2 if self._lift else 1):
+            given = base, v, slide, x + self.tau * v, bodies0, bodies0, middle
+            x1, v1, reaction = self._stage(drive, secants, x, *given)
+            v1[:, held] = speed
+            slide = v1
         acceleration = ((x1 - x) / self.tau - v) / self.tau - reaction / self.mass
         base = x + rest * v1
         place, speed = drive.handles_at(s1)
         base[:, held] = place - self.tau * speed
         carried = bodies0 + rest / self.tau * (bodies1 - bodies0)
-        along = x + self.h * v1
-        return self._stage(drive, secants, x, base, v + rest * acceleration, along, bodies0, carried, s1)[:2]
+        along, slide = x + self.h * v1, v + self.h * acceleration
+        slide[:, held] = speed
+        return self._stage(drive, secants, x, base, v + rest * acceleration, slide, along, bodies0, carried, s1)[:2]
 
     def _stage(
         self,
@@ -124,6 +130,7 @@ class ImplicitStep:
         before: np.ndarray,
         base: np.ndarray,
         velocity: np.ndarray,
+        slide: np.ndarray,
         along: np.ndarray,
         bodies_before: np.ndarray,
         bodies_base: np.ndarray,
@@ -133,7 +140,8 @@ class ImplicitStep:
 
         ``before`` is where the vertices were when the bodies ``(C, 2, 3)`` were at ``bodies_before`` (contact is swept
         from there), the decay of ``velocity`` by drag is still to come, ``along`` gives the directions of the dashpots
-        and the facets' normals and areas. Touching vertices get the velocity of their body.
+        and the facets' normals and areas, the velocities ``slide`` how fast the air slides along facets for its lift.
+        Touching vertices get the velocity of their body.
         """
         guess = base + self.tau * self.decay * velocity
         target = guess.copy()
@@ -146,6 +154,7 @@ class ImplicitStep:
             base=base.ravel(),
             along=along.ravel(),
             target=target.ravel(),
+            velocity=slide.ravel(),
             wind=drive.wind,
             pressure=drive.pressure,
         )

@@ -1,4 +1,4 @@
-"""What the air does to the sheet: wind and pressure on facets. Arrays are those of ``laws.sheet``."""
+"""What the air does to the sheet: its resistance and pressure on facets. Arrays are those of ``laws.sheet``."""
 
 import numpy as np
 
@@ -20,12 +20,15 @@ def _to_vertices(grid: Grid, force: np.ndarray, shape: tuple[int, ...]) -> Force
     return out.transpose(1, 2, 0).reshape(shape)
 
 
-def wind_forces(scene: Scene, x: np.ndarray, v: np.ndarray, wind: np.ndarray) -> Forces:
-    """Wejchert & Haumann 1991: ``f = -rho/2 A (C_n |n.v_r| (n.v_r) n + C_t |v_t| v_t)`` on a facet.
+def air_forces(scene: Scene, x: np.ndarray, v: np.ndarray, wind: np.ndarray) -> Forces:
+    """``f = -rho/2 A ((C_n |u_n| + C_l |u_t|) u_n n + C_t |u_t| u_t)`` on a facet.
 
-    ``v_r`` is the facet's mean velocity less ``wind`` ``(B, 3)``, ``v_t`` its part in the plane.
+    ``u`` is the facet's mean velocity less ``wind`` ``(B, 3)``, ``u_n = n.u`` and ``u_t`` its part in the plane: over
+    ``rho/2 A |u|^2`` the normal force is ``C_n sin^2 a + C_l sin a cos a`` at an angle of attack ``a`` (Polhamus 1966;
+    with ``C_l = 0`` it is the law of Wejchert & Haumann 1991).
     """
-    if scene.wind is None:
+    air = scene.air
+    if air is None:
         return np.zeros(x.shape)
     x0, x1, x2 = _corners(scene.grid, x)
     normal = np.cross(x1 - x0, x2 - x0)
@@ -35,8 +38,8 @@ def wind_forces(scene: Scene, x: np.ndarray, v: np.ndarray, wind: np.ndarray) ->
     across = (n * relative).sum(2, keepdims=True)
     tangential = relative - across * n
     speed = np.linalg.norm(tangential, axis=2, keepdims=True)
-    stress = scene.wind.normal * abs(across) * across * n + scene.wind.tangential * speed * tangential
-    return _to_vertices(scene.grid, -0.5 * scene.wind.air_density * (twice_area / 2) * stress, x.shape)
+    stress = (air.normal * abs(across) + air.lift * speed) * across * n + air.tangential * speed * tangential
+    return _to_vertices(scene.grid, -0.5 * air.density * (twice_area / 2) * stress, x.shape)
 
 
 def pressure_forces(grid: Grid, x: np.ndarray, pressure: np.ndarray) -> Forces:

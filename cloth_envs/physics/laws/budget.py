@@ -21,33 +21,33 @@ LEAST_FALL = 0.05  # of the cloth's length: a cloth that hardly falls says nothi
 @dataclass(frozen=True)
 class Budget:
     """Where the mechanical energy came from and went, ``(B,)`` [J]:
-    ``gained = handles + wind + pressure - damping - drag + rest``.
+    ``gained = handles + air + pressure - damping - drag + rest``.
     """
 
     gained: np.ndarray  # change of kinetic, gravity, spring and bending energy
     handles: np.ndarray  # work of whatever drives the handles
-    wind: np.ndarray  # work of the air
+    air: np.ndarray  # work of the air, still or blowing
     pressure: np.ndarray
     damping: np.ndarray  # lost in dashpots, positive
-    drag: np.ndarray  # lost to still air, positive
+    drag: np.ndarray  # lost to the materials' ``drag``, positive
 
     @property
     def rest(self) -> np.ndarray:
         """What the others leave: work and friction of contact, the solver's own gain or loss, and the error of the
         quadrature; without bodies and with short intervals it is the solver's.
         """
-        return self.gained - self.handles - self.wind - self.pressure + self.damping + self.drag
+        return self.gained - self.handles - self.air - self.pressure + self.damping + self.drag
 
 
 def _powers(
     scene: Scene, sheets: Sequence[Material], state: State, wind: np.ndarray, pressure: np.ndarray
 ) -> np.ndarray:
-    """Power [W] of pull at the handles, wind, pressure, damping and drag, ``(5, B)``, in a given wind and pressure."""
+    """Power [W] of pull at the handles, air, pressure, damping and drag, ``(5, B)``, in a given wind and pressure."""
     grid, x, v = scene.grid, state.positions, state.velocities.astype(np.float64)
-    blown = air.wind_forces(scene, x, v, wind)
+    blown = air.air_forces(scene, x, v, wind)
     pressed = air.pressure_forces(grid, x, pressure) if scene.pressure else np.zeros(x.shape)
     damped = sheet.damper_forces(grid, sheets, x, v)
-    rate = np.array([m.drag for m in sheets])[:, None, None, None] * scene.drag
+    rate = np.array([m.drag for m in sheets])[:, None, None, None]
     slowed = -rate * sheet.masses(grid, sheets) * v
     held = np.isin(np.arange(grid.vertices), scene.handles)
     pull = sheet.spring_forces(grid, sheets, x) + sheet.bend_forces(grid, sheets, x)
@@ -83,7 +83,7 @@ def budget(scene: Scene, states: Sequence[State], materials: Sequence[Material] 
     return Budget(
         gained=end.mechanical - start.mechanical,
         handles=driven[1] - driven[0] - work[0],
-        wind=work[1],
+        air=work[1],
         pressure=work[2],
         damping=-work[3],
         drag=-work[4],
@@ -103,7 +103,7 @@ def implicit_residual(
     v0, v1 = (state.velocities.astype(np.float64) for state in (before, after))
     mass = sheet.masses(grid, sheets)
     h = (after.time - before.time)[:, None, None, None]
-    rate = np.array([m.drag for m in sheets])[:, None, None, None] * scene.drag
+    rate = np.array([m.drag for m in sheets])[:, None, None, None]
     force = step.total_forces(scene, sheets, after, after.wind, after.pressure) - rate * mass * v1
     size = np.linalg.norm(mass * (v1 - v0) / h - force, axis=1).reshape(before.batch, -1)
     free = depths(scene, after) < -contact

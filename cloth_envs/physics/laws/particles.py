@@ -72,7 +72,7 @@ def step(scene: Scene, state: State, controls: Controls, cell: Cell, refine: int
         force = cell_forces(cell, x, now.velocities)
         if scene.pressure:
             force += pressure_forces(x, controls.pressure)
-        v = (now.velocities + h / net.node_mass * force) * np.exp(-net.drag * scene.drag * h)
+        v = (now.velocities + h / net.node_mass * force) * np.exp(-net.drag * h)
         at, speed = bodies_at(scene, old, controls, k / steps)
         for i, body in enumerate(scene.colliders):
             v = hit_ball(x, v, at[:, i, 0], speed[:, i, 0], body.radius, net.keep ** (1 / refine))

@@ -10,7 +10,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.laws.stencil import Edges, edges, triples
+from cloth_envs.physics.laws.stencil import Edges, Quads, edges, quads, triples
 
 Materials = Sequence[Material]
 Forces = np.ndarray
@@ -117,16 +117,36 @@ def bend_forces(grid: Grid, materials: Materials, x: np.ndarray) -> Forces:
         out[..., t.before] -= force
         out[..., t.middle] += 2 * force
         out[..., t.after] -= force
+    q, stiffness = _twist(grid, materials)
+    force = stiffness[:, None] * _mixed(at, q)
+    for corner, sign in zip(q[:4], (1, -1, -1, 1), strict=True):
+        out[..., corner] -= sign * force
     return out.reshape(x.shape)
 
 
 def bend_energy(grid: Grid, materials: Materials, x: np.ndarray) -> np.ndarray:
-    """``sum g |x_before - 2 x_middle + x_after|^2 / 2``, ``g = B * width of the strip / spacing^3``."""
+    """``sum g |x_before - 2 x_middle + x_after|^2 / 2``, ``g = B * width of the strip / spacing^3``, and the twist.
+
+    That is ``sum t |x_ul - x_ur - x_ll + x_lr|^2 / 2`` over cells, ``t = 2 B twist / (a b)``: of small deflections
+    ``B/2 (k_xx^2 + k_yy^2 + 2 twist k_xy^2)`` per area, at ``twist = 1`` the same for a cylinder in any direction.
+    """
     at, total = flat(x), np.zeros(len(x))
     for t in triples(grid):
         second = at[..., t.before] - 2 * at[..., t.middle] + at[..., t.after]
         total += (values(materials, "bend_stiffness") * t.weight * (second**2).sum(1)).sum(1) / 2
-    return total
+    q, stiffness = _twist(grid, materials)
+    return total + (stiffness * (_mixed(at, q) ** 2).sum(1)).sum(1) / 2
+
+
+def _twist(grid: Grid, materials: Materials) -> tuple[Quads, np.ndarray]:
+    """The cells' corners, and how stiff their mixed difference is, ``(B, 1)`` [N/m]."""
+    q = quads(grid)
+    return q, values(materials, "bend_stiffness") * values(materials, "twist") * q.weight
+
+
+def _mixed(at: np.ndarray, q: Quads) -> np.ndarray:
+    """``x_ul - x_ur - x_ll + x_lr`` of every cell, ``(B, 3, C)``."""
+    return at[..., q.upper_left] - at[..., q.upper_right] - at[..., q.lower_left] + at[..., q.lower_right]
 
 
 def masses(grid: Grid, materials: Materials) -> np.ndarray:

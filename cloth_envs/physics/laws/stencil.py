@@ -27,6 +27,16 @@ class Triples(NamedTuple):
     weight: np.ndarray  # (T,) stiffness per bend stiffness [1/m^2]
 
 
+class Quads(NamedTuple):
+    """The corners of every cell, for a mixed difference ``x_ul - x_ur - x_ll + x_lr`` of the positions."""
+
+    upper_left: np.ndarray  # (C,) vertex numbers
+    upper_right: np.ndarray
+    lower_left: np.ndarray
+    lower_right: np.ndarray
+    weight: float  # stiffness per bend stiffness and twist [1/m^2]
+
+
 def _sides(grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """Share of a full cell's width that a row ``(H, 1)`` and a column ``(1, W)`` carries: 1, or 1/2 on the border."""
     row, col = np.ones((grid.rows, 1)), np.ones((1, grid.cols))
@@ -75,3 +85,11 @@ def triples(grid: Grid) -> Iterator[Triples]:
     yield Triples(before, middle, after, weight.ravel())
     weight = np.broadcast_to(col * (b / a**3), grid.shape)[1:-1]
     yield Triples(number[:-2].ravel(), number[1:-1].ravel(), number[2:].ravel(), weight.ravel())
+
+
+def quads(grid: Grid) -> Quads:
+    """Mixed differences, one a cell: ``a b z_xy`` each, and ``B z_xy^2 a b`` is what a plate's twist costs there."""
+    number = np.arange(grid.vertices).reshape(grid.shape)
+    right, inside = np.roll(number, -1, axis=1), slice(None, grid.cells[1])
+    ul, ur, ll, lr = (part[rows, inside].ravel() for rows in (slice(-1), slice(1, None)) for part in (number, right))
+    return Quads(ul, ur, ll, lr, 2 / (grid.row_spacing * grid.col_spacing))

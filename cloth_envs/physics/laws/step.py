@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cloth_envs.physics.laws.air import pressure_forces, wind_forces
+from cloth_envs.physics.laws.air import air_forces, pressure_forces
 from cloth_envs.physics.laws.bodies import resolve_contact
 from cloth_envs.physics.laws.sheet import (
     Forces,
@@ -49,7 +49,7 @@ def total_forces(scene: Scene, materials: Materials, state: State, wind: np.ndar
     """All forces of the scene but drag and contact, which the step applies to the velocities."""
     grid, x, v = scene.grid, state.positions, state.velocities
     force = spring_forces(grid, materials, x) + damper_forces(grid, materials, x, v) + bend_forces(grid, materials, x)
-    force += gravity_forces(grid, materials, x, scene.gravity) + wind_forces(scene, x, v, wind)
+    force += gravity_forces(grid, materials, x, scene.gravity) + air_forces(scene, x, v, wind)
     return force + pressure_forces(grid, x, pressure) if scene.pressure else force
 
 
@@ -58,7 +58,7 @@ def slow_forces(scene: Scene, materials: Materials, state: State, controls: Cont
     grid, x = scene.grid, state.positions
     force = bend_forces(grid, materials, x) if bend else np.zeros_like(x)
     if air:
-        force = force + wind_forces(scene, x, state.velocities, controls.wind)
+        force = force + air_forces(scene, x, state.velocities, controls.wind)
     return force + pressure_forces(grid, x, controls.pressure) if air and scene.pressure else force
 
 
@@ -107,7 +107,8 @@ def _frame(
 ) -> State:
     """A frame of ``count`` substeps."""
     old, now = state.astype(np.float64), state.astype(np.float64)
-    h, mass, drag = scene.frame_dt / count, masses(scene.grid, materials), values(materials, "drag")[:, :, None, None]
+    h, mass = scene.frame_dt / count, masses(scene.grid, materials)
+    decay = h * values(materials, "drag")[:, :, None, None]
     weight = gravity_forces(scene.grid, materials, now.positions, scene.gravity)
     kick, before = np.zeros_like(now.positions), 0.0  # the last slow force, and the share of the air's last impulse
     bends = any(material.bend_stiffness > 0 for material in materials)
@@ -117,10 +118,9 @@ def _frame(
 
     for substep in range(count + 1):
         part = 0.5 if substep in (0, count) else 1.0
-        decay = drag * scene.drag * h
-        bend, air = impulse_share(substep, bend_every, count), impulse_share(substep, air_every, count)
+        bend, air = bends * impulse_share(substep, bend_every, count), impulse_share(substep, air_every, count)
         impulse = np.zeros_like(now.positions)
-        if bend and bends:
+        if bend:
             impulse = bend * slow_forces(scene, materials, now, controls, air=False, bend=True)
         if air:
             seen = now.copy()

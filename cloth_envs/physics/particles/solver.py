@@ -40,8 +40,8 @@ def net_of(scene: Scene) -> Particles:
     """
     if scene.particles is None:
         raise ValueError(f"{scene.name} is a sheet: choose a preset whose scene has particles, such as 'zhao2024'")
-    if scene.grid.periodic or scene.wind is not None or any(body.kind != "sphere" for body in scene.colliders):
-        raise ValueError("a net of particles is flat and knows no wind and no bodies but spheres: change the scene")
+    if scene.grid.periodic or scene.air is not None or any(body.kind != "sphere" for body in scene.colliders):
+        raise ValueError("a net of particles is flat and knows no air and no bodies but spheres: change the scene")
     spacings, own = (scene.grid.row_spacing, scene.grid.col_spacing), scene.particles.spacing
     if not np.allclose(spacings, own, rtol=1e-9, atol=0):
         raise ValueError(
@@ -86,7 +86,7 @@ def make_kernel(
         bias=np.ascontiguousarray(cell.bias, np.float64),
         eps=cell.eps,
         node_mass=net.node_mass,
-        decay=np.exp(-net.drag * scene.drag * scene.frame_dt / steps),
+        decay=np.exp(-net.drag * scene.frame_dt / steps),
         keep=net.keep ** (1 / refine),
         substeps=steps,
     )

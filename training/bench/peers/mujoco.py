@@ -13,7 +13,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from cloth_envs.physics.laws.air import wind_forces
+from cloth_envs.physics.laws.air import air_forces
 from cloth_envs.state import State
 from training.bench.peers.scenes import Peer, Setup, clock
 
@@ -73,7 +73,7 @@ class MujocoCloth(Peer):
         self.model = mujoco.MjModel.from_xml_string(text)
         self.free = ~setup.pins
         self.model.body_mass[1:] = scene.mass[self.free]
-        self.model.dof_damping[:] = np.repeat(scene.mass[self.free], 3) * (scene.material.drag if scene.drag else 0)
+        self.model.dof_damping[:] = np.repeat(scene.mass[self.free], 3) * scene.material.drag
         self.data = mujoco.MjData(self.model)
         mujoco.mj_setConst(self.model, self.data)
         self.masses = scene.mass.copy()  # pinned vertices belong to the world and have ours
@@ -86,11 +86,11 @@ class MujocoCloth(Peer):
         self.data.qvel[:] = state.velocities[0][:, self.free].T.ravel()
 
     def run_frame(self, wind: np.ndarray) -> None:
-        together = self.substeps if self.scene.wind is None else 1
+        together = self.substeps if self.scene.air is None else 1
         for _ in range(self.substeps // together):
-            if self.scene.wind is not None:
+            if self.scene.air is not None:
                 x, v = self.read()
-                self.data.qfrc_applied[:] = wind_forces(self.scene, x[None], v[None], wind)[0][:, self.free].T.ravel()
+                self.data.qfrc_applied[:] = air_forces(self.scene, x[None], v[None], wind)[0][:, self.free].T.ravel()
             begin = clock()
             mujoco.mj_step(self.model, self.data, together)
             self.taken += clock() - begin

@@ -21,7 +21,7 @@ from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.physics.laws.budget import LEAST_FALL
 from cloth_envs.physics.laws.diagnostics import strain
-from cloth_envs.scene import Collider, Scene, Wind
+from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.state import Controls, State
 from training.metrics.errors import distances
 from training.rollouts import replay
@@ -66,12 +66,13 @@ def build(name: str, coarse: int = 1) -> Setup:
     rows, cols, height, width = {"A": (73, 49, 1.5, 1.0), "B": (33, 49, 1.0, 1.5), "C": (61, 41, 1.5, 1.0)}[name]
     grid = Grid((rows - 1) // coarse + 1, (cols - 1) // coarse + 1, height, width)
     options: dict[str, Any] = {"handles": tuple(range(grid.cols))}
+    material = Material(drag=0.5)  # as all engines know it
     if name == "B":
         hoist = tuple(grid.index(row, 0) for row in range(grid.rows))
-        options = {"handles": hoist, "drag": False, "wind": Wind()}
+        options, material = {"handles": hoist, "air": Air(max_wind=12.0)}, Material()
     elif name == "C":
         options = {"colliders": (Collider("sphere", RADIUS),)}
-    scene = Scene(name, grid, Material(), 0.02 if name == "C" else 0.04, **options)
+    scene = Scene(name, grid, material, 0.02 if name == "C" else 0.04, **options)
     rest = np.zeros((3, *grid.shape))
     rest[0] = np.linspace(0, width, grid.cols)
     rest[2 if name == "B" else 1] = -np.linspace(0, height, grid.rows)[:, None]
@@ -83,7 +84,7 @@ def build(name: str, coarse: int = 1) -> Setup:
         positions[0, 2] += WAVE * np.sin(4 * np.pi * x / width + 0.5) * np.cos(6 * np.pi * y / height + 0.3)
     start = State.still(positions, np.zeros((1, len(scene.colliders), 2, 3)))
     controls = Controls.hold(start, scene.handles)
-    if scene.wind is not None:
+    if scene.windy:
         controls.wind[:] = WIND
     return Setup(scene, start, rest, controls)
 

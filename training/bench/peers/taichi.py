@@ -16,9 +16,9 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 
 import taichi as ti
 
-from cloth_envs.physics.explicit.solver import stable_step
-from cloth_envs.physics.laws.stencil import edges
-from cloth_envs.scene import Wind
+from cloth_envs.physics.explicit.bounds import stable_step
+from cloth_envs.physics.laws.stencil import edges, quads
+from cloth_envs.scene import Air
 from cloth_envs.state import State
 from training.bench.peers.scenes import Peer, Setup, clock
 
@@ -55,25 +55,26 @@ class TaichiCloth(Peer):
         # (row, column, class of the spring, rest length) of the neighbour at the far end of a vertex's own springs.
         self.own = ((0, 1, 0, b), (1, 0, 1, a), (1, 1, 2, grid.diagonal), (1, -1, 3, grid.diagonal))
         self.damping = material.damping
-        self.gravity, self.drag = scene.gravity, material.drag if scene.drag else 0.0
-        self.windy, air = scene.wind is not None, scene.wind or Wind()
-        self.normal, self.tangential = air.air_density * air.normal, air.air_density * air.tangential
+        self.gravity, self.drag = scene.gravity, material.drag
+        self.windy, air = scene.air is not None, scene.air or Air()
+        self.normal, self.lift, self.tangential = (air.density * c for c in (air.normal, air.lift, air.tangential))
         body = scene.colliders[0] if scene.colliders else None
         self.body = body is not None
         self.radius, self.friction = (body.radius + scene.thickness, body.friction) if body else (0.0, 0.0)
         shape = (self.rows + 2 * PAD, self.cols + 2 * PAD)
         self.x, self.v, self.f, self.old = (ti.Vector.field(3, ti.f32, shape=shape) for _ in range(4))
         self.k, self.multiplier = (ti.Vector.field(4, ti.f32, shape=shape) for _ in range(2))
-        self.g = ti.Vector.field(2, ti.f32, shape=shape)
-        self.bend = ti.Matrix.field(2, 3, ti.f32, shape=shape)  # multipliers
+        self.g = ti.Vector.field(3, ti.f32, shape=shape)  # along rows, along columns, twist of the cell
+        self.bend = ti.Matrix.field(3, 3, ti.f32, shape=shape)  # multipliers
         self.inverse = ti.field(ti.f32, shape=shape)
-        springs, bends = np.zeros((*shape, 4), np.float32), np.zeros((*shape, 2), np.float32)
+        springs, bends = np.zeros((*shape, 4), np.float32), np.zeros((*shape, 3), np.float32)
         for kind, edge in enumerate(edges(grid)):
             row, col = np.divmod(edge.first, grid.cols)
             springs[row + PAD, col + PAD, kind] = getattr(material, edge.modulus) * edge.weight
         areas = grid.areas
         bends[PAD:-PAD, PAD + 1 : -PAD - 1, 0] = (material.bend_stiffness * areas / b**4)[:, 1:-1]
         bends[PAD + 1 : -PAD - 1, PAD:-PAD, 1] = (material.bend_stiffness * areas / a**4)[1:-1]
+        bends[PAD : -PAD - 1, PAD : -PAD - 1, 2] = material.bend_stiffness * material.twist * quads(grid).weight
         inverse = np.pad(np.where(setup.pins, 0, 1 / self.masses), PAD).astype(np.float32)
         # Padding needs a place of its own: a spring of no stiffness must still have a length.
         self._padded = np.zeros((*shape, 3), np.float32)
@@ -120,11 +121,15 @@ class TaichiCloth(Peer):
             force += 2.0 * self.g[i, j][kind] * (before - 2.0 * x + after)
             force -= self.g[i - di, j - dj][kind] * (self.x[i - 2 * di, j - 2 * dj] - 2.0 * before + x)
             force -= self.g[i + di, j + dj][kind] * (x - 2.0 * after + self.x[i + 2 * di, j + 2 * dj])
+        for di, dj in ti.static(((-1, -1), (-1, 0), (0, -1), (0, 0))):
+            p, q = i + di, j + dj
+            mixed = self.x[p, q] - self.x[p, q + 1] - self.x[p + 1, q] + self.x[p + 1, q + 1]
+            force -= (1.0 if ti.static(di == dj) else -1.0) * self.g[p, q][2] * mixed
         return force
 
     @ti.func
     def air(self, wind):  # type: ignore[no-untyped-def]
-        """Wejchert & Haumann 1991 on the triangles of both diagonals, each with half its force, added to ``f``."""
+        """The law of ``laws.air`` on the triangles of both diagonals, each with half its force, added to ``f``."""
         for i in range(PAD, PAD + self.rows - 1):
             for j in range(PAD, PAD + self.cols - 1):
                 for p, q, r in ti.static(TRIANGLES):
@@ -135,8 +140,9 @@ class TaichiCloth(Peer):
                     relative = (self.v[a] + self.v[b] + self.v[c]) / 3.0 - wind
                     across = n.dot(relative)
                     along = relative - across * n
-                    stress = self.normal * ti.abs(across) * across * n
-                    stress += self.tangential * ti.sqrt(along.dot(along)) * along
+                    speed = ti.sqrt(along.dot(along))
+                    stress = (self.normal * ti.abs(across) + self.lift * speed) * across * n
+                    stress += self.tangential * speed * along
                     force = -twice / 24.0 * stress
                     self.f[a] = self.f[a] + force
                     self.f[b] = self.f[b] + force
@@ -191,7 +197,7 @@ class TaichiCloth(Peer):
                         pull += self.f[i, j] * w
                     self.x[i, j] = self.x[i, j] + h * (self.v[i, j] * decay + pull * push)
                 self.multiplier[i, j] = ti.Vector([0.0, 0.0, 0.0, 0.0])
-                self.bend[i, j] = ti.Matrix([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+                self.bend[i, j] = ti.Matrix.zero(ti.f32, 3, 3)
 
     @ti.kernel
     def xpbd(self, n: ti.i32, h: ti.f32, decay: ti.f32, push: ti.f32, wx: ti.f32, wy: ti.f32, wz: ti.f32):  # type: ignore[no-untyped-def]
@@ -209,7 +215,7 @@ class TaichiCloth(Peer):
 
     @ti.func
     def project(self, i, j, h):  # type: ignore[no-untyped-def]
-        """The springs that a vertex owns and its two bending terms, one after the other (Gauss-Seidel)."""
+        """The springs that a vertex owns, its two bending terms and its cell's twist, one by one (Gauss-Seidel)."""
         for di, dj, kind, rest in ti.static(self.own):
             k = self.k[i, j][kind]
             w, u = self.inverse[i, j], self.inverse[i + di, j + dj]
@@ -234,3 +240,17 @@ class TaichiCloth(Peer):
                 self.x[i - di, j - dj] = self.x[i - di, j - dj] + before * step
                 self.x[i, j] = self.x[i, j] - 2.0 * middle * step
                 self.x[i + di, j + dj] = self.x[i + di, j + dj] + after * step
+        g = self.g[i, j][2]
+        if g > 0.0:
+            soft = 1.0 / (g * h * h)
+            held = ti.Vector([self.bend[i, j][2, 0], self.bend[i, j][2, 1], self.bend[i, j][2, 2]])
+            c, weight = soft * held, soft
+            for di, dj in ti.static(((0, 0), (0, 1), (1, 0), (1, 1))):
+                c += (1.0 if ti.static(di == dj) else -1.0) * self.x[i + di, j + dj]
+                weight += self.inverse[i + di, j + dj]
+            step = -c / weight
+            for axis in ti.static(range(3)):
+                self.bend[i, j][2, axis] = held[axis] + step[axis]
+            for di, dj in ti.static(((0, 0), (0, 1), (1, 0), (1, 1))):
+                sign = 1.0 if ti.static(di == dj) else -1.0
+                self.x[i + di, j + dj] = self.x[i + di, j + dj] + sign * self.inverse[i + di, j + dj] * step

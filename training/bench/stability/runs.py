@@ -60,7 +60,7 @@ class Run:
     def drift(self) -> np.ndarray:
         """Energy from nowhere up to every frame over m g H, of the first frames; NaN where it is not defined."""
         scene, count = self.scene, min(BUDGETED, len(self.states) - 1)
-        if scene.colliders or scene.wind or not scene.gravity or not count:
+        if scene.colliders or scene.windy or not scene.gravity or not count:
             return np.full(1, np.nan)
         rest = budget(scene, [stack_states(self.states[:count]), stack_states(self.states[1 : count + 1])]).rest
         scale = scene.mass.sum() * scene.gravity * scene.grid.height

@@ -103,9 +103,9 @@ def _mass(stage: Stage, level: float) -> dict[str, Any]:
 
 
 def _wind(stage: Stage, level: float) -> dict[str, Any]:
-    wind = stage.scene.wind
-    assert wind is not None
-    strong = replace(stage.scene, wind=replace(wind, max_speed=wind.max_speed * max(level, 1)))
+    air = stage.scene.air
+    assert air is not None
+    strong = replace(stage.scene, air=replace(air, max_wind=air.max_wind * max(level, 1)))
     return {"scene": strong, "controls": [replace(c, wind=c.wind * level) for c in stage.controls]}
 
 
@@ -123,7 +123,8 @@ def _pressure(stage: Stage, level: float) -> dict[str, Any]:
 def _free(base: Base, level: float) -> Stage:
     """No force from outside: no handles, gravity, air or bodies, and smooth random velocities."""
     stage = episode(base, round(level))
-    scene = replace(stage.scene, handles=(), gravity=0.0, drag=False, wind=None, pressure=False, colliders=())
+    material = stage.scene.material.with_changes(drag=0.0)
+    scene = replace(stage.scene, material=material, handles=(), gravity=0.0, air=None, pressure=False, colliders=())
     v, u = np.meshgrid(*(np.linspace(0, np.pi, n) for n in scene.grid.shape), indexing="ij")
     rng, start = np.random.default_rng(base.seed), stage.start.copy()
     waves = np.array([np.cos(i * v) * np.cos(j * u) for i in range(3) for j in range(3)])

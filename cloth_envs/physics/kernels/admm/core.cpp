@@ -78,10 +78,17 @@ void Admm<T>::advance(const Frame<T>& f, const System<T>& system) const {
   const double decay = std::exp(-m.drag * dt);
   const double lag = m.drag > 0 ? -std::expm1(-m.drag * dt) / m.drag : dt;
   const double stiffer = 1 + m.damping / dt;
-  const LocalTerms<T> terms{T(weight_ * stiffer * m.stretch_stiffness), T(weight_ * stiffer * m.shear_stiffness),
-                            T(m.bend_stiffness), T(1 / (1 + weight_)), T(m.areal_density / (dt * dt))};
+  const T twist = T(m.bend_stiffness * m.twist);
+  const LocalTerms<T> terms{T(weight_ * stiffer * m.stretch_stiffness),
+                            T(weight_ * stiffer * m.shear_stiffness),
+                            T(m.bend_stiffness),
+                            g.twist_along * twist,
+                            g.twist_down * twist,
+                            g.twist_diagonal * twist,
+                            T(1 / (1 + weight_)),
+                            T(m.areal_density / (dt * dt))};
   const AirTerms<T> blow = air_terms(sheet_, f, dt / (2 * m.areal_density));
-  const bool air = sheet_.wind || sheet_.pressure;
+  const bool air = sheet_.air || sheet_.pressure;
   auto handles = handles_of(sheet_, f, [&](int vertex) { return g.at(vertex); });
   for (Handle& h : handles) h.moves = true;  // on its cubic even at rest, which turns -0 into 0
   MovingBodies<T> bodies(sheet_, f, dt);

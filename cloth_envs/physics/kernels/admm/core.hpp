@@ -28,10 +28,10 @@ struct System {
   Plane<T> capacitance;  // inverse of the held vertices' Green function, (p, padded p)
 };
 
-// Springs, what the local step needs: w^2 (N/m), 1 / (1 + weight), kg/m^2/s^2.
+// What the local step needs: w^2 of springs, bending and twist (N/m, N m, N/m), 1 / (1 + weight), kg/m^2/s^2.
 template <class T>
 struct LocalTerms {
-  T stretch, shear, bend, shrink, inertia;
+  T stretch, shear, bend, twist_along, twist_down, twist_diagonal, shrink, inertia;
 };
 
 // One plane for each class of edges (along, down, right, left) and axis.

@@ -44,17 +44,17 @@ void local(const Geometry<T>& g, const LocalTerms<T>& p, const T* area, T* const
       if constexpr (kBending) return pull + linear * d;
       return pull;
     };
-    const V<T> none = {};
-    const auto east = edge(0, i + 1, stretch * load(along + i), kBending ? bend * load(along_near + i) : none);
+    const V<T> none = {}, a = load(along + i), b = load(down + i), r = load(right + i), l = load(left + i);
+    const auto east = edge(0, i + 1, stretch * a, kBending ? bend * load(along_near + i) + p.twist_along * a : none);
     V3<T> f = east - V3<T>{late(previous.x, east.x), late(previous.y, east.y), late(previous.z, east.z)};
     previous = east;
-    const auto south = edge(1, i + s, stretch * load(down + i), kBending ? bend * load(down_near + i) : none);
+    const auto south = edge(1, i + s, stretch * b, kBending ? bend * load(down_near + i) + p.twist_down * b : none);
     put(souths, i, south);
     f = f + (south - at(souths, i - s));
-    const auto south_east = edge(2, i + s + 1, shear * load(right + i), none);
+    const auto south_east = edge(2, i + s + 1, shear * r, kBending ? p.twist_diagonal * r : none);
     put(rights, i, south_east);
     f = f + (south_east - at(rights, i - s - 1));
-    const auto south_west = edge(3, i + s - 1, shear * load(left + i), none);
+    const auto south_west = edge(3, i + s - 1, shear * l, kBending ? p.twist_diagonal * l : none);
     put(lefts, i, south_west);
     f = f + (south_west - at(lefts, i - s + 1));
     if constexpr (kBending) {
@@ -103,7 +103,7 @@ void multiply(int m, int k, int n, const T* a, int row, int col, const T* b, int
 }
 
 template <class T>
-const AdmmLanes<T> table = {rest<T>, local_any<T>, slowed_wind_and_pressure<T>, multiply<T>};
+const AdmmLanes<T> table = {rest<T>, local_any<T>, slowed_air_and_pressure<T>, multiply<T>};
 
 }  // namespace
 }  // namespace LANES

@@ -15,7 +15,10 @@ Geometry<T>::Geometry(int rows_, int cols_, double a, double b, bool periodic_, 
       periodic(periodic_),
       row_length(T(a)),
       col_length(T(b)),
-      diagonal(T(std::hypot(a, b))) {
+      diagonal(T(std::hypot(a, b))),
+      twist_along(T(4 / (a * a))),
+      twist_down(T(4 / (b * b))),
+      twist_diagonal(T(-4 / (a * a + b * b))) {
   begin = (kGhost * stride + 2 * kBlock) / kBlock * kBlock;
   origin = begin + (periodic ? kGhost : 0);
   end = begin + (at(rows - 1, cols) - begin + kBlock - 1) / kBlock * kBlock;

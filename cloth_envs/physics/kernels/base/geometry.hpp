@@ -38,6 +38,9 @@ struct Geometry {
   Plane<T> along, down, right, left;
   // Bending as linear edges over distance one (near) and two (far); times bend_stiffness, [N/m].
   Plane<T> along_near, down_near, along_far, down_far;
+  // The twist of bending, one mixed difference a cell, as linear edges: these times the springs' weights and times
+  // bend_stiffness, [1/m^2]; |x00 - x01 - x10 + x11|^2 is the sum over the sides less that over the diagonals.
+  T twist_along, twist_down, twist_diagonal;
   Plane<T> inverse_area;  // 1/m^2, 0 in ghosts
   Plane<T> cell;          // 1 where a cell's upper left corner is, else 0
 

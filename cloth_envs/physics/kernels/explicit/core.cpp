@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "../base/threads.hpp"
+#include "../sheet/air.hpp"
 #include "driven.hpp"
 
 namespace minicloth {
@@ -44,11 +45,11 @@ void put_terms(StepTerms<T>& t, int l, const Material& m, double gravity, double
 
 template <class T>
 void put_slow(SlowTerms<T>& t, int l, const Material& m, const Sheet& sheet, const Frame<T>& f, bool turned) {
-  t.bend[l] = T(m.bend_stiffness);
-  t.normal[l] = T(sheet.wind_normal / 4), t.lift[l] = T(0);
-  t.tangential[l] = T(sheet.wind_tangential / 4);
-  t.pressure[l] = T(sheet.pressure ? (turned ? -f.pressure : f.pressure) : 0.0);  // normals turn round
-  for (int k = 0; k < 3; ++k) t.wind[k][l] = T(f.wind[k]);
+  const AirTerms<T> air = air_terms(sheet, f);
+  t.bend[l] = T(m.bend_stiffness), t.twist[l] = T(m.twist);
+  t.normal[l] = air.normal, t.lift[l] = air.lift, t.tangential[l] = air.tangential;
+  t.half_pressure[l] = turned ? -air.half_pressure : air.half_pressure;  // normals turn round
+  for (int k = 0; k < 3; ++k) t.wind[k][l] = air.wind[k];
 }
 
 template <class T>
@@ -111,7 +112,7 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     yields |= material.yields(), bends |= material.bend_stiffness > 0;
   }
 
-  const int air = sheet_.wind ? 2 : sheet_.pressure;
+  const int air = sheet_.air ? 2 : sheet_.pressure;
   const bool together = !bends || substeps.bend_every == substeps.air_every;
   Impulses bend(bends, substeps.bend_every, count), blow(air, substeps.air_every, count);
   double before = 0;  // share of the last impulse of the air

@@ -33,10 +33,10 @@ struct StepTerms {
 // The same of the slow forces.
 template <class T>
 struct SlowTerms {
-  alignas(64) Lanes<T> bend;                           // N m
-  Lanes<T> normal, lift, tangential, pressure;         // air: density * coefficient / 4 [kg/m^3], Pa
-  Lanes<T> wind[3];                                    // m/s
-  Lanes<T> bend_share, air_share, ahead;               // substeps; of the last impulses, in the velocities for the air
+  alignas(64) Lanes<T> bend, twist;                  // N m, over a plate's
+  Lanes<T> normal, lift, tangential, half_pressure;  // AirTerms
+  Lanes<T> wind[3];                                  // m/s
+  Lanes<T> bend_share, air_share, ahead;             // substeps; of the last impulses, in the velocities for the air
 };
 
 template <class T>
@@ -47,7 +47,7 @@ struct ExplicitLanes {
   Step step[2][2][2];  // [springs yield under compression][impulses][bodies]
   // The impulses of bending and of the air.
   using Slow = void (*)(const Strips<T>&, const Fields<T>&, const SlowTerms<T>&, const StepTerms<T>&);
-  Slow slow[2][3];  // [bending][no air, pressure alone, wind and pressure]
+  Slow slow[2][3];  // [bending][no air, pressure alone, air and pressure]
 };
 DECLARE_LANES(ExplicitLanes<float>)
 DECLARE_LANES(ExplicitLanes<double>)

@@ -19,8 +19,8 @@ const ExplicitLanes<T> instance = {
       {step<T, false, true, false>, step<T, false, true, true>}},
      {{step<T, true, false, false>, step<T, true, false, true>},
       {step<T, true, true, false>, step<T, true, true, true>}}},
-    {{slow<T, false, kStill>, slow<T, false, kPressure>, slow<T, false, kWind>},
-     {slow<T, true, kStill>, slow<T, true, kPressure>, slow<T, true, kWind>}},
+    {{slow<T, false, kStill>, slow<T, false, kPressure>, slow<T, false, kMoving>},
+     {slow<T, true, kStill>, slow<T, true, kPressure>, slow<T, true, kMoving>}},
 };
 
 }  // namespace

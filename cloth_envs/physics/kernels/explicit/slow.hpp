@@ -7,13 +7,7 @@ namespace minicloth {
 namespace LANES {
 namespace {
 
-enum Air { kStill, kPressure, kWind };
-
-// Positions in the columns around one: two to each side in its own row, in the rows above and below one.
-template <class T>
-struct Around {
-  V3<T> here, right, far, up, up_right, down, down_right;
-};
+enum Air { kStill, kPressure, kMoving };
 
 // Bending in row r (Bergou et al. 2006): the second differences along rows and columns and the mixed one of cells.
 template <class T>
@@ -22,7 +16,7 @@ struct Bending {
   V<T> cell_above, cell;           // of mixed differences
   V3<T> before = {}, now = {}, twist = {}, twist_above = {};  // second differences at c - 1, c; mixed ones of c - 1
 
-  Bending(const Strips<T>& s, int r) {
+  Bending(const Strips<T>& s, const V<T>& twist, int r) {
     constexpr int n = kLanes<T>;
     const V<T> none = {};
     const auto row = [&](const Plane<T>& weights, int i) {
@@ -31,19 +25,24 @@ struct Bending {
       return load(weights.data() + i * n);
     };
     along = row(s.bend_along, r), above = row(s.bend_down, r - 1), here = row(s.bend_down, r);
-    below = row(s.bend_down, r + 1), cell_above = s.twist * row(s.cell, r - 1), cell = s.twist * row(s.cell, r);
+    below = row(s.bend_down, r + 1), cell_above = twist * row(s.cell, r - 1), cell = twist * row(s.cell, r);
   }
   static V3<T> second(const V3<T>& a, const V3<T>& b, const V3<T>& c) { return (a - b) + (c - b); }
   static V3<T> mixed(const V3<T>& a, const V3<T>& b, const V3<T>& c, const V3<T>& d) { return (a - b) - (c - d); }
 };
 
-// Twice the force of the air on a triangle: n is twice its area vector, u three times its velocity in the wind.
+// The coefficients of air_force in every lane.
+template <class T>
+struct Blow {
+  V<T> normal, lift, tangential, half_pressure;
+};
+
+// Forces on the four triangles of each cell, as in sheet/air.hpp, each half.
 template <class T, Air kAir>
 void slow_air(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
   constexpr int n = kLanes<T>, q = 3 * n;
-  const V<T> none = {};
-  const V<T> push = load(p.pressure) / T(2), share = load(p.air_share) / T(6);
-  const V<T> normal = load(p.normal) / T(9), lift = load(p.lift) / T(9), tangential = load(p.tangential) / T(9);
+  const V<T> share = load(p.air_share) / T(6);
+  const Blow<T> blow = {load(p.normal), load(p.lift), load(p.tangential), load(p.half_pressure)};
   const V3<T> wind = {T(3) * load(p.wind[0]), T(3) * load(p.wind[1]), T(3) * load(p.wind[2])};
   const int cells = s.periodic ? s.cols : s.cols - 1;
   std::fill_n(f.low - q, (s.cols + 2) * q, T(0));
@@ -61,21 +60,15 @@ void slow_air(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
       const V3<T> across = get<T>(x + s.stride + q) - at;
       const V3<T> n1 = cross(down, across), n2 = cross(down, right), n3 = cross(across, right), n0 = (n1 + n3) - n2;
       V3<T> v0, v1, v2, v3, sum;  // three times a triangle's velocity is the sum less the missing corner's
-      if constexpr (kAir == kWind) {
+      if constexpr (kAir == kMoving) {
         v0 = get<T>(v), v1 = get<T>(v + q), v2 = get<T>(v + s.stride + q), v3 = get<T>(v + s.stride);
         sum = (v0 + v1) + (v2 + v3) - wind;
       }
       const auto force = [&](const V3<T>& m, const V3<T>& missing) __attribute__((always_inline)) {
-        if constexpr (kAir == kPressure) {
-          return push * m;
-        } else {
-          const V3<T> u = sum - missing;
-          const V<T> area = dot(m, m) + T(1e-30), through = dot(m, u), turn = through * reciprocal(area);
-          const V3<T> slide = u - turn * m;
-          const V<T> product = area * dot(slide, slide) + T(1e-36), sliding = product * rsqrt(product);
-          const V<T> speed = through < T(0) ? -through : through;
-          return (push - (normal * speed + lift * sliding) * turn) * m - (tangential * sliding) * slide;
-        }
+        if constexpr (kAir == kPressure)
+          return blow.half_pressure * m;
+        else
+          return air_force(m, sum - missing, blow);
       };
       const V3<T> f0 = force(n0, v0), f1 = force(n1, v1), f2 = force(n2, v2), f3 = force(n3, v3);
       const V3<T> all = (f0 + f2) + (f1 + f3);
@@ -93,16 +86,15 @@ void slow_air(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
     T* const to = f.impulse + s.at(0, c);
     set<T>(to, get<T>(to) + earlier(get<T>(f.low + c * q)));
   }
-  (void)none;
 }
 
 template <class T>
 void slow_bending(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
   constexpr int n = kLanes<T>, q = 3 * n;
-  const V<T> share = load(p.bend) * load(p.bend_share);
+  const V<T> share = load(p.bend) * load(p.bend_share), twist = load(p.twist) * s.twist;
   const int cols = s.cols;
   for (int r = 0; r < s.rows; ++r) {
-    Bending<T> b(s, r);
+    Bending<T> b(s, twist, r);
     const T* const row = f.x + s.at(r, 0);
     const auto x = [&](int down, int c) __attribute__((always_inline)) {
       return get<T>(row + down * s.stride + c * q);
@@ -144,7 +136,7 @@ template <class T, bool kBend, Air kAir>
 void slow(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p, const StepTerms<T>& full) {
   constexpr int n = kLanes<T>, q = 3 * n;
   ghosts(s, f.x, kBend ? 2 : 0, kBend ? 2 : 1);
-  if constexpr (kAir == kWind) {  // velocities in the middle of the impulse to come, as the last one lets expect
+  if constexpr (kAir == kMoving) {  // velocities in the middle of the impulse to come, as the last one lets expect
     const V<T> ahead = load(p.ahead) * load(full.accelerate);
     for (int r = 0; r < s.rows; ++r) {
       const V<T> inner = ahead * load(s.inverse_area.data() + r * n);

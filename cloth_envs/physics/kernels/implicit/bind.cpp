@@ -28,14 +28,22 @@ void bind_implicit(nb::module_& m) {
       .def(
           "begin",
           [](Potential& p, const Material& material, double tau, double inertia, Flat base, Flat along, FlatOut target,
-             Flat wind, double pressure) {
-            need_flat(p.vertices(), base, along, target);
+             Flat velocity, Flat wind, double pressure) {
+            need_flat(p.vertices(), base, along, target, velocity);
             need(shaped(wind, {3}), "wind must be (3,)");
             const double* w = wind.data();
-            p.begin({material, tau, inertia, base.data(), along.data(), target.data(), {w[0], w[1], w[2]}, pressure});
+            p.begin({material,
+                     tau,
+                     inertia,
+                     base.data(),
+                     along.data(),
+                     target.data(),
+                     velocity.data(),
+                     {w[0], w[1], w[2]},
+                     pressure});
           },
           nb::kw_only(), nb::arg("material"), nb::arg("tau"), nb::arg("inertia"), nb::arg("base"), nb::arg("along"),
-          nb::arg("target"), nb::arg("wind"), nb::arg("pressure"),
+          nb::arg("target"), nb::arg("velocity"), nb::arg("wind"), nb::arg("pressure"),
           "Freeze what a stage holds fixed; the pressure's push is added to target.")
       .def(
           "evaluate",

@@ -15,18 +15,19 @@ Potential::Potential(Sheet sheet)
     : sheet_(std::move(sheet)),
       geometry_(sheet_.rows, sheet_.cols, sheet_.row_length, sheet_.col_length, sheet_.periodic) {
   const Geometry<double>& g = geometry_;
-  const auto add = [&](int offset, double length, const Plane<double>& weight, const Plane<double>* near) {
+  const auto add = [&](int offset, double length, const Plane<double>& weight, const Plane<double>* near,
+                       double twist) {
     const Plane<double> none(g.size, 0.0);
-    springs_.push_back({offset, length, &weight, near, none, none, none});
+    springs_.push_back({offset, length, &weight, near, twist, none, none, none});
   };
-  add(1, g.col_length, g.along, &g.along_near);
-  add(g.stride, g.row_length, g.down, &g.down_near);
-  add(g.stride + 1, g.diagonal, g.right, nullptr);
-  add(g.stride - 1, g.diagonal, g.left, nullptr);
+  add(1, g.col_length, g.along, &g.along_near, g.twist_along);
+  add(g.stride, g.row_length, g.down, &g.down_near, g.twist_down);
+  add(g.stride + 1, g.diagonal, g.right, nullptr, g.twist_diagonal);
+  add(g.stride - 1, g.diagonal, g.left, nullptr, g.twist_diagonal);
   for (auto [offset, weight] : {std::pair{2, &g.along_far}, std::pair{2 * g.stride, &g.down_far}})
     far_.push_back({offset, weight, Plane<double>(g.size, 0.0)});
   for (auto* plane : {&x_, &g_, &base_, &along_, &v_}) plane->assign(3 * g.size, 0.0);
-  air_.assign(16 * g.size, 0.0);
+  air_.assign(20 * g.size, 0.0);
   mass_.resize(vertices()), target_.resize(3 * vertices());
 }
 
@@ -58,7 +59,7 @@ void Potential::begin(const Stage& s) {
       }
       e.stiffness[i] = modulus * (*e.weight)[i] * (1 + ratio);
       e.rest[i] = (e.length + ratio * before / std::sqrt(square)) / (1 + ratio);
-      e.bend[i] = e.linear ? m.bend_stiffness * (*e.linear)[i] : 0.0;
+      e.bend[i] = m.bend_stiffness * ((e.linear ? (*e.linear)[i] : 0.0) + m.twist * e.twist * (*e.weight)[i]);
     });
   }
   for (Far& e : far_) each([&](int i, int) { e.bend[i] = m.bend_stiffness * (*e.weight)[i]; });
@@ -67,7 +68,8 @@ void Potential::begin(const Stage& s) {
   std::copy_n(s.wind, 3, wind_velocity_);
   std::fill(g_.begin(), g_.end(), 0.0);  // the pressure's force for now
   const int corner[4] = {0, 1, g.stride + 1, g.stride};
-  if (sheet_.wind || s.pressure != 0)
+  if (sheet_.air) pad(s.velocity, v_);
+  if (sheet_.air || s.pressure != 0)
     each([&](int i, int) {
       if (g.cell[i] == 0) return;
       for (int k = 0; k < 4; ++k) {
@@ -79,11 +81,16 @@ void Potential::begin(const Stage& s) {
         }
         const double cross[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
         const double twice = std::sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2] + kTiny);
+        double u[3], through = 0, square = 0;
         for (int axis = 0; axis < 3; ++axis) {
-          air_[(4 * k + axis) * g.size + i] = cross[axis] / twice;
+          const double* v = v_.data() + axis * g.size + i;
+          u[axis] = (v[p] + v[q] + v[r]) / 3 - s.wind[axis];
+          through += u[axis] * cross[axis] / twice, square += u[axis] * u[axis];
+          air_[(5 * k + axis) * g.size + i] = cross[axis] / twice;
           for (int at : {p, q, r}) g_[axis * g.size + i + at] += s.pressure * cross[axis] / 12;
         }
-        air_[(4 * k + 3) * g.size + i] = twice / 8;
+        air_[(5 * k + 3) * g.size + i] = twice / 8;
+        air_[(5 * k + 4) * g.size + i] = sheet_.air_lift * std::sqrt(std::max(square - through * through, 0.0));
       }
     });
   each([&](int i, int v) {
@@ -125,14 +132,14 @@ double Potential::evaluate(const double* x, double* gradient) {
                               e.bend.data());
   for (const Far& e : far_)
     energy += kernels.linear(x_.data(), g_.data(), g.size, g.begin, g.end, e.offset, e.bend.data());
-  if (sheet_.wind) {
+  if (sheet_.air) {
     for (std::size_t i = 0; i < 3 * g.size; ++i) v_[i] = (x_[i] - base_[i]) / tau_;
     const int corner[4] = {0, 1, g.stride + 1, g.stride};
     for (int k = 0; k < 4; ++k) {
       const int three[3] = {corner[(k + 1) % 4], corner[(k + 2) % 4], corner[(k + 3) % 4]};
-      energy += tau_ * kernels.wind(v_.data(), g_.data(), g.size, g.begin, g.end, three, air_.data() + 4 * k * g.size,
-                                    sheet_.wind_normal, sheet_.wind_tangential, wind_velocity_[0], wind_velocity_[1],
-                                    wind_velocity_[2]);
+      energy += tau_ * kernels.air(v_.data(), g_.data(), g.size, g.begin, g.end, three, air_.data() + 5 * k * g.size,
+                                   sheet_.air_normal, sheet_.air_tangential, wind_velocity_[0], wind_velocity_[1],
+                                   wind_velocity_[2]);
     }
   }
   fold();

@@ -16,6 +16,7 @@ struct Stage {
   const double* base;        // m
   const double* along;       // m, where dashpots and the air take directions and areas from
   double* target;            // m; the air's pressure is added to it here
+  const double* velocity;    // m/s, where the air takes the sliding speed of its lift from
   double wind[3], pressure;  // m/s, Pa
 };
 
@@ -26,13 +27,13 @@ struct ImplicitLanes {
                     const double* rest, const double* bend);
   // b |x_j - x_i|^2 / 2, with j = i + offset.
   double (*linear)(const double* x, double* g, std::size_t size, int begin, int end, int offset, const double* bend);
-  // The air on facets of three corners: see wind_energy in sheet/air.hpp.
-  double (*wind)(const double* v, double* g, std::size_t size, int begin, int end, const int* corners,
-                 const double* air, double normal, double tangential, double w0, double w1, double w2);
+  // The air on facets of three corners: see air_energy in sheet/air.hpp.
+  double (*air)(const double* v, double* g, std::size_t size, int begin, int end, const int* corners, const double* air,
+                double normal, double tangential, double w0, double w1, double w2);
 };
 DECLARE_LANES(ImplicitLanes)
 
-// Phi(x) = inertia + springs with dashpots + bending + wind; springs and dashpots are one spring of stiffness
+// Phi(x) = inertia + springs with dashpots + bending + air; springs and dashpots are one spring of stiffness
 // k' = k (1 + damping / tau) and length L' = (L + damping / tau * l) / (1 + damping / tau), l = d_base along d.
 class Potential {
  public:
@@ -45,7 +46,8 @@ class Potential {
   struct Springs {
     int offset;
     double length;
-    const Plane<double>*weight, *linear;  // of the geometry; linear: bending on the same edges
+    const Plane<double>*weight, *linear;  // of the geometry; linear: bending on the same edges, if there is any
+    double twist;                         // times the weight, of bending too
     Plane<double> stiffness, rest, bend;
   };
   struct Far {
@@ -60,7 +62,7 @@ class Potential {
   std::vector<Springs> springs_;
   std::vector<Far> far_;
   Plane<double> x_, g_, base_, along_, v_;  // 3 * size, padded as Geometry says
-  Plane<double> air_;                       // 16 * size: unit normal and area / 4 of the four facets of each cell
+  Plane<double> air_;                       // 20 * size: what air_energy needs of the four facets of each cell
   std::vector<double> mass_, target_;
   double tau_ = 1, wind_velocity_[3] = {};
 };

@@ -54,7 +54,7 @@ double linear(const double* x, double* g, std::size_t size, int begin, int end, 
   return energy / 2;
 }
 
-const ImplicitLanes instance = {springs, linear, wind_energy};
+const ImplicitLanes instance = {springs, linear, air_energy};
 
 }  // namespace
 }  // namespace LANES

@@ -1,6 +1,7 @@
-// The law of wind (Wejchert & Haumann 1991) and pressure, on the four triangles of each cell that its two diagonals
-// make, each with half its force: a mirrored cloth then feels mirrored air. Corners are numbered 0 upper left, 1 upper
-// right, 2 lower right, 3 lower left; triangle k is the one without corner k.
+// What the air does to a triangle, by its resistance (cloth_envs.physics.laws.air) and by pressure, and that on the
+// four triangles of each cell that its two diagonals make, each with half its force: a mirrored cloth then feels
+// mirrored air. Corners are numbered 0 upper left, 1 upper right, 2 lower right, 3 lower left; triangle k is the one
+// without corner k.
 #pragma once
 #include "../base/geometry.hpp"
 #include "sheet.hpp"
@@ -20,20 +21,23 @@ struct Cells {  // the air's force on the four corners of the cell at its upper 
 
 template <class T>
 struct AirTerms {
-  T normal, tangential, pressure;  // density * coefficient / 4 [kg/m^3], Pa
-  T wind[3];                       // m/s
-  T slow_normal, slow_tangential;  // h density * coefficient / (2 areal density), per m/s; of implicit steps
+  T normal, lift, tangential;                 // density * coefficient / 36 [kg/m^3], for three times the velocity
+  T half_pressure;                            // Pa
+  T wind[3];                                  // m/s
+  T slow_normal, slow_lift, slow_tangential;  // h density * coefficient / (6 areal density), per m/s; of implicit steps
 };
 
-// Of a frame; `slow` is h / (2 areal density) for slowed_wind_and_pressure.
+// Of a frame; `slow` is h / (2 areal density) for slowed_air.
 template <class T>
 AirTerms<T> air_terms(const Sheet& sheet, const Frame<T>& f, double slow = 0) {
-  return {T(sheet.wind_normal / 4),
-          T(sheet.wind_tangential / 4),
-          T(sheet.pressure ? f.pressure : 0.0),
+  return {T(sheet.air_normal / 36),
+          T(sheet.air_lift / 36),
+          T(sheet.air_tangential / 36),
+          T(sheet.pressure ? f.pressure / 2 : 0.0),
           {T(f.wind[0]), T(f.wind[1]), T(f.wind[2])},
-          T(slow * sheet.wind_normal),
-          T(slow * sheet.wind_tangential)};
+          T(slow * sheet.air_normal / 3),
+          T(slow * sheet.air_lift / 3),
+          T(slow * sheet.air_tangential / 3)};
 }
 
 #ifdef LANES
@@ -42,8 +46,33 @@ namespace {
 
 constexpr int kChunk = 256;  // vertices whose forces are kept before they are added
 
-// Calls law(twice a triangle's area vector, three times its velocity in the wind) for its force times two.
-template <class T, bool kWind, class Law>
+// The force on a triangle, n twice its area vector, u three times its velocity through the air:
+// -rho/2 A ((C_n |u_n| + C_l |u_t|) u_n n + C_t |u_t| u_t) + p A n, there with the unit normal n and u itself.
+template <class T, class Terms>
+__attribute__((always_inline)) inline V3<T> air_force(const V3<T>& n, const V3<T>& u, const Terms& p) {
+  const V<T> square = dot(n, n) + T(1e-30), through = dot(n, u), turn = through * reciprocal(square);
+  const V3<T> slide = u - turn * n;
+  const V<T> product = square * dot(slide, slide) + T(1e-36), sliding = product * rsqrt(product);  // 2 A |3 u_t|
+  const V<T> push = p.half_pressure - (p.normal * (through < T(0) ? -through : through) + p.lift * sliding) * turn;
+  return push * n - (p.tangential * sliding) * slide;
+}
+
+// The same for a long step h: what the air takes of a speed is divided by 1 + h a, a the rate at which it takes it, so
+// that it never turns the flow round.
+template <class T>
+__attribute__((always_inline)) inline V3<T> slowed_air_force(const V3<T>& n, const V3<T>& u, const AirTerms<T>& p) {
+  const V<T> one = V<T>{} + T(1);
+  const V<T> square = dot(n, n) + T(1e-30), inverse = rsqrt(square), through = inverse * dot(n, u);
+  const V<T> speed = through < T(0) ? -through : through;
+  const V3<T> slide = u - (through * inverse) * n;
+  const V<T> slide2 = dot(slide, slide) + T(1e-30), sliding = slide2 * rsqrt(slide2);
+  const V<T> drag = p.tangential * (square * inverse) * sliding / (one + p.slow_tangential * sliding);
+  const V<T> across = (p.normal * speed + p.lift * sliding) / (one + p.slow_normal * speed + p.slow_lift * sliding);
+  return (p.half_pressure - across * through) * n - drag * slide;
+}
+
+// Calls law(twice a triangle's area vector, three times its velocity through the air) for its force.
+template <class T, class Law>
 inline void facets(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Cells<T>& out,
                    const Law& law) {
   const int s = g.stride;
@@ -55,13 +84,10 @@ inline void facets(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& 
     const V3<T> down = at(in.x, i + s) - x;
     const V3<T> n1 = cross(down, across), n2 = cross(down, right), n3 = cross(across, right), n0 = (n1 + n3) - n2;
     const V<T> share = load(cell + i) / T(6);  // a third of half the force to each vertex
-    V3<T> sum;                                 // three times a triangle's velocity is this less the missing corner's
-    if constexpr (kWind) sum = (at(in.v, i) + at(in.v, i + 1)) + (at(in.v, i + s) + at(in.v, i + s + 1)) - wind3;
+    // Three times a triangle's velocity is the sum less the missing corner's.
+    const V3<T> sum = (at(in.v, i) + at(in.v, i + 1)) + (at(in.v, i + s) + at(in.v, i + s + 1)) - wind3;
     const auto force = [&](const V3<T>& n, int missing) __attribute__((always_inline)) {
-      if constexpr (kWind)
-        return law(n, sum - at(in.v, missing));
-      else
-        return law(n, V3<T>{});
+      return law(n, sum - at(in.v, missing));
     };
     const V3<T> f0 = force(n0, i), f1 = force(n1, i + 1), f2 = force(n2, i + s + 1), f3 = force(n3, i + s);
     const V3<T> all = (f0 + f2) + (f1 + f3);
@@ -73,52 +99,20 @@ inline void facets(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& 
 }
 
 template <class T>
-void pressure(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Cells<T>& out) {
-  const V<T> push = V<T>{} + p.pressure / 2;
-  facets<T, false>(g, p, in, out,
-                   [&](const V3<T>& n, const V3<T>&) __attribute__((always_inline)) { return push * n; });
-}
-
-template <class T>
-void wind_and_pressure(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Cells<T>& out) {
-  const V<T> zero = {};
-  const T normal = p.normal / 9, tangential = p.tangential / 9;  // for three times the velocity
-  facets<T, true>(g, p, in, out, [&](const V3<T>& n, const V3<T>& u) __attribute__((always_inline)) {
-    const V<T> square = dot(n, n) + T(1e-30), through = dot(n, u), turn = through * reciprocal(square);
-    const V3<T> slide = u - turn * n;
-    const V<T> product = square * dot(slide, slide) + T(1e-36);
-    const V<T> drag = (tangential * product) * rsqrt(product);
-    V<T> along = zero + p.pressure / 2;
-    along -= (normal * (through < T(0) ? -through : through)) * turn;
-    return along * n - drag * slide;
+void slowed_air_and_pressure(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Cells<T>& out) {
+  facets<T>(g, p, in, out, [&](const V3<T>& n, const V3<T>& u) __attribute__((always_inline)) {
+    return slowed_air_force(n, u, p);
   });
 }
 
-// The same for a long step h: the wind's force is taken 1 / (1 + h a |u|) times, which is what du/dt = -a |u| u does to
-// a speed u over the step: it never turns the flow round.
-template <class T>
-void slowed_wind_and_pressure(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Cells<T>& out) {
-  const V<T> one = V<T>{} + T(1);
-  const T normal = p.normal / 9, tangential = p.tangential / 9;  // for three times the velocity
-  const T slow_normal = p.slow_normal / 3, slow_tangential = p.slow_tangential / 3;
-  facets<T, true>(g, p, in, out, [&](const V3<T>& n, const V3<T>& u) __attribute__((always_inline)) {
-    const V<T> square = dot(n, n) + T(1e-30), inverse = rsqrt(square), through = inverse * dot(n, u);
-    const V<T> speed = through < T(0) ? -through : through;
-    const V3<T> slide = u - (through * inverse) * n;
-    const V<T> slide2 = dot(slide, slide) + T(1e-30), sliding = slide2 * rsqrt(slide2);
-    const V<T> drag = tangential * (square * inverse) * sliding / (one + slow_tangential * sliding);
-    const V<T> push = p.pressure / 2 - normal * speed * through / (one + slow_normal * speed);
-    return push * n - drag * slide;
-  });
-}
-
-// The energy whose gradient wind is in an implicit step:
-// tau A / 4 (C_n |n.u|^3 + C_t |u_t|^3) / 3 for the facet of three of a cell's corners, u = their mean velocity
-// less the wind. `v` holds velocities; the coefficients include the air's density.
-inline double wind_energy(const double* v, double* g, std::size_t size, int begin, int end, const int* corners,
-                          const double* air, double normal, double tangential, double w0, double w1, double w2) {
+// The energy whose gradient the air's force is in an implicit step:
+// tau A / 4 (C_n |n.u|^3 + 3/2 C_l s |n.u|^2 + C_t |u_t|^3) / 3 for the facet of three of a cell's corners, u = their
+// mean velocity less the wind and s = |u_t| as the step knows it beforehand: the law itself has no potential. `v` holds
+// velocities, `air` unit normal, A / 4 and density * C_l s; the other coefficients include the density too.
+inline double air_energy(const double* v, double* g, std::size_t size, int begin, int end, const int* corners,
+                         const double* air, double normal, double tangential, double w0, double w1, double w2) {
   double f[3][kChunk], energy = 0;
-  const double *n0 = air, *n1 = air + size, *n2 = air + 2 * size, *area = air + 3 * size;
+  const double *n0 = air, *n1 = air + size, *n2 = air + 2 * size, *area = air + 3 * size, *lift = air + 4 * size;
   const int p = corners[0], q = corners[1], r = corners[2];
   const double *v0 = v, *v1 = v + size, *v2 = v + 2 * size;
   for (int first = begin; first < end; first += kChunk) {
@@ -130,8 +124,8 @@ inline double wind_energy(const double* v, double* g, std::size_t size, int begi
       const double through = n0[i] * a + n1[i] * b + n2[i] * d;
       const double s0 = a - through * n0[i], s1 = b - through * n1[i], s2 = d - through * n2[i];
       const double square = s0 * s0 + s1 * s1 + s2 * s2, slide = tangential * std::sqrt(square);
-      const double push = normal * std::fabs(through) * through;
-      energy += area[i] * (push * through + slide * square);
+      const double rise = lift[i] * through, push = normal * std::fabs(through) * through + rise;
+      energy += area[i] * ((push + rise / 2) * through + slide * square);
       f[0][c] = area[i] * (push * n0[i] + slide * s0) / 3;
       f[1][c] = area[i] * (push * n1[i] + slide * s1) / 3;
       f[2][c] = area[i] * (push * n2[i] + slide * s2) / 3;

@@ -21,30 +21,30 @@ void bind_sheet(nb::module_& m) {
       .def(
           "__init__",
           [](Sheet* self, int rows, int cols, double row_length, double col_length, bool periodic, double frame_dt,
-             double gravity, double thickness, bool wind, bool pressure, double wind_normal, double wind_tangential,
-             std::vector<int> handles, std::vector<Body> bodies) {
+             double gravity, double thickness, bool air, bool pressure, double air_normal, double air_lift,
+             double air_tangential, std::vector<int> handles, std::vector<Body> bodies) {
             need(rows >= 1 && cols >= 2, "a sheet has a row and two columns at least");
             for (int h : handles) need(h >= 0 && h < rows * cols, "a handle is not a vertex of the grid");
-            new (self)
-                Sheet{rows,      cols, row_length, col_length,  periodic,        frame_dt,           gravity,
-                      thickness, wind, pressure,   wind_normal, wind_tangential, std::move(handles), std::move(bodies)};
+            new (self) Sheet{
+                rows, cols,     row_length, col_length, periodic,       frame_dt,           gravity,          thickness,
+                air,  pressure, air_normal, air_lift,   air_tangential, std::move(handles), std::move(bodies)};
           },
           nb::kw_only(), nb::arg("rows"), nb::arg("cols"), nb::arg("row_length"), nb::arg("col_length"),
-          nb::arg("periodic"), nb::arg("frame_dt"), nb::arg("gravity"), nb::arg("thickness"), nb::arg("wind"),
-          nb::arg("pressure"), nb::arg("wind_normal"), nb::arg("wind_tangential"), nb::arg("handles"),
-          nb::arg("bodies"));
+          nb::arg("periodic"), nb::arg("frame_dt"), nb::arg("gravity"), nb::arg("thickness"), nb::arg("air"),
+          nb::arg("pressure"), nb::arg("air_normal"), nb::arg("air_lift"), nb::arg("air_tangential"),
+          nb::arg("handles"), nb::arg("bodies"));
   nb::class_<Material>(m, "Material", "One cloth's material, as cloth_envs.material has it.")
       .def(
           "__init__",
           [](Material* self, double areal_density, double stretch_stiffness, double shear_stiffness,
              double bend_stiffness, double damping, double drag, double compression, double buckling_strain,
-             double post_buckling, double compression_damping) {
-            new (self) Material{areal_density, stretch_stiffness, shear_stiffness, bend_stiffness, damping,
-                                drag,          compression,       buckling_strain, post_buckling,  compression_damping};
+             double post_buckling, double compression_damping, double twist) {
+            new (self) Material{areal_density, stretch_stiffness, shear_stiffness, bend_stiffness,      damping, drag,
+                                compression,   buckling_strain,   post_buckling,   compression_damping, twist};
           },
           nb::kw_only(), nb::arg("areal_density"), nb::arg("stretch_stiffness"), nb::arg("shear_stiffness"),
           nb::arg("bend_stiffness"), nb::arg("damping"), nb::arg("drag"), nb::arg("compression"),
-          nb::arg("buckling_strain"), nb::arg("post_buckling"), nb::arg("compression_damping"));
+          nb::arg("buckling_strain"), nb::arg("post_buckling"), nb::arg("compression_damping"), nb::arg("twist"));
 }
 
 }  // namespace minicloth

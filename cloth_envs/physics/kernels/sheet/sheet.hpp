@@ -17,9 +17,9 @@ struct Sheet {
   bool periodic;                  // a tube: the last column's neighbour is the first
   double frame_dt, gravity;       // s, m/s^2
   double thickness;               // m, added to the bodies' radii
-  bool wind, pressure;
-  double wind_normal, wind_tangential;  // air density * coefficient [kg/m^3]
-  std::vector<int> handles;             // vertices
+  bool air, pressure;
+  double air_normal, air_lift, air_tangential;  // air density * coefficient [kg/m^3]
+  std::vector<int> handles;                     // vertices
   std::vector<Body> bodies;
 };
 
@@ -27,7 +27,7 @@ struct Sheet {
 struct Material {
   double areal_density, stretch_stiffness, shear_stiffness, bend_stiffness;  // kg/m^2, N/m, N/m, N m
   double damping, drag;                                                      // s, 1/s
-  double compression, buckling_strain, post_buckling, compression_damping;
+  double compression, buckling_strain, post_buckling, compression_damping, twist;
   bool yields() const { return compression != 1 || post_buckling != 1 || compression_damping != 1; }
 };
 

@@ -1,0 +1,77 @@
+"""How long the steps of the explicit solver may be, and how far apart the impulses of slow forces."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from cloth_envs.material import Material
+from cloth_envs.physics.solver import PRESSURE, air_bound, pressure_bound, stiffness_bound
+from cloth_envs.scene import Scene
+
+SAFETY = 0.9
+SHEAR = np.radians(15.0)  # of a cell, up to which its springs are bounded by their directions
+HELD = 8  # substeps between impulses, at most
+STILL = 16  # of still air
+
+
+def directed_bound(scene: Scene, material: Material) -> float:
+    """Upper bound on the eigenvalues of ``M^-1 K`` for springs that act along themselves only [1/s^2].
+
+    ``K`` of a spring is ``k d d^T``, ``d`` its direction: what neighbours along a row and along a column do to a vertex
+    does not add up, as in ``stiffness_bound``. As there the largest eigenvalue is at most any one cell's, with cells
+    sheared by up to ``SHEAR``; at a shear of 90 degrees it would be that of ``stiffness_bound``. A cell that is sheared
+    further is inside ``SAFETY`` until 33 degrees, and then alone among its neighbours.
+    """
+    grid, worst = scene.grid, 0.0
+    a, b = grid.row_spacing, grid.col_spacing
+    along, down = material.stretch_stiffness * a / b / 2, material.stretch_stiffness * b / a / 2
+    shear = material.shear_stiffness * (a * a + b * b) / (2 * a * b)
+    for angle in (0.0, SHEAR):
+        col, row = np.array([b, 0.0]), a * np.array([np.sin(angle), np.cos(angle)])
+        corners = [0 * col, col, row, row + col]
+        matrix = np.zeros((4, 2, 4, 2))
+        for i, j, k in ((0, 1, along), (2, 3, along), (0, 2, down), (1, 3, down), (0, 3, shear), (1, 2, shear)):
+            d = (corners[j] - corners[i]) / np.linalg.norm(corners[j] - corners[i])
+            block = k * np.outer(d, d)
+            matrix[i, :, i] += block
+            matrix[j, :, j] += block
+            matrix[i, :, j] -= block
+            matrix[j, :, i] -= block
+        worst = max(worst, float(np.linalg.eigvalsh(matrix.reshape(8, 8))[-1]))
+    return worst / (material.areal_density * a * b / 4)
+
+
+@lru_cache(maxsize=1024)  # an environment asks before it sets a material
+def stable_step(scene: Scene, material: Material, pressure: float = PRESSURE) -> float:
+    """The step ``h`` [s] for which ``h^2 K + 2 h C <= 4 M`` with safety 0.9.
+
+    With the damping force taken at the velocity half a step before, each mode has the
+    characteristic polynomial ``z^2 - (2 - h c - h^2 k) z + (1 - h c)``; its roots stay in the unit
+    circle while ``h^2 k + 2 h c <= 4``. ``k`` holds springs (``directed_bound``), bending and, where the scene has it,
+    ``pressure`` [Pa]; ``c`` the dashpots (``damping`` times the springs' stiffness) and the slope of the air's force
+    (``air_bound``). Every spring adds the larger of what it adds lengthened and shortened, so the step is the smaller
+    one of a sheet of either.
+    """
+    springs = directed_bound(scene, material)
+    other = stiffness_bound(scene, material)[1] + pressure_bound(scene, material, pressure)
+    air = air_bound(scene, material, pressure)
+
+    def step(stiffness: float, damping: float) -> float:
+        k, c = stiffness * springs + other, damping * material.damping * springs + air
+        return 2 / (np.sqrt(c * c / 4 + k) + c / 2)
+
+    return SAFETY * min(step(1, 1), step(material.compression, material.compression_damping))
+
+
+@lru_cache(maxsize=1024)
+def intervals(scene: Scene, material: Material, h: float, pressure: float = PRESSURE) -> tuple[int, int]:
+    """After how many substeps of ``h`` [s] bending and the air act, 1 at least.
+
+    An impulse of a force of frequency ``w`` or rate ``c`` keeps ``k h w`` and ``k h c`` below 1. Near bodies bending
+    acts in every substep: a fold that a body stops bends within one.
+    """
+    bending = np.sqrt(stiffness_bound(scene, material)[1])
+    air = max(np.sqrt(pressure_bound(scene, material, pressure)), air_bound(scene, material, pressure))
+    most = HELD if scene.windy or scene.pressure else STILL
+    bend_every = 1 if scene.colliders else int(min(most, 1 / max(h * bending, 1e-9)))
+    return max(bend_every, 1), max(int(min(most, 1 / max(h * air, 1e-9))), 1)
