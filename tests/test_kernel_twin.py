@@ -141,7 +141,7 @@ def test_one_substep_of_contact(kind: str, friction: float) -> None:
     state = with_bodies(crumpled(scene.grid, 2), bodies)
     want = compare(scene, state, [NOTHING] * 2, "float64", 1e-12)
     flying = step(replace(scene, colliders=()), without_bodies(state), controls_for(scene, state), 1)
-    assert 0.01 < (abs(want.velocities - flying.velocities).max(1) > 1e-9).mean() < 0.9  # some touch, some do not
+    assert 0.01 < (abs(want.velocities - flying.velocities).max(1) > 1e-9).mean() < 1  # some touch, some do not
 
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])

@@ -11,34 +11,29 @@ from cloth_envs.scene import Scene
 SAFETY = 0.9
 SHEAR = np.radians(15.0)  # of a cell, up to which its springs are bounded by their directions
 HELD = 8  # substeps between impulses, at most
-STILL = 16  # of still air
 
 
 def directed_bound(scene: Scene, material: Material) -> float:
-    """Upper bound on the eigenvalues of ``M^-1 K`` for springs that act along themselves only [1/s^2].
+    """Largest eigenvalue of ``M^-1 K`` for springs that act along themselves only [1/s^2].
 
     ``K`` of a spring is ``k d d^T``, ``d`` its direction: what neighbours along a row and along a column do to a vertex
-    does not add up, as in ``stiffness_bound``. As there the largest eigenvalue is at most any one cell's, with cells
-    sheared by up to ``SHEAR``; at a shear of 90 degrees it would be that of ``stiffness_bound``. A cell that is sheared
-    further is inside ``SAFETY`` until 33 degrees, and then alone among its neighbours.
+    does not add up, as in ``stiffness_bound``. On an even grid waves ``exp(i (p r + q c))`` are eigenvectors; a free
+    border with its halved masses and springs is one mirrored about it. The largest over all waves, of flat cells and of
+    cells sheared by ``SHEAR``; at a shear of 90 degrees it would be that of ``stiffness_bound``. Cells that are sheared
+    further are inside ``SAFETY`` until 33 degrees, and then seldom all alike.
     """
     grid, worst = scene.grid, 0.0
-    a, b = grid.row_spacing, grid.col_spacing
-    along, down = material.stretch_stiffness * a / b / 2, material.stretch_stiffness * b / a / 2
+    a, b, stretch = grid.row_spacing, grid.col_spacing, material.stretch_stiffness
     shear = material.shear_stiffness * (a * a + b * b) / (2 * a * b)
+    p, q = np.meshgrid(*2 * [np.linspace(-np.pi, np.pi, 33)])
     for angle in (0.0, SHEAR):
         col, row = np.array([b, 0.0]), a * np.array([np.sin(angle), np.cos(angle)])
-        corners = [0 * col, col, row, row + col]
-        matrix = np.zeros((4, 2, 4, 2))
-        for i, j, k in ((0, 1, along), (2, 3, along), (0, 2, down), (1, 3, down), (0, 3, shear), (1, 2, shear)):
-            d = (corners[j] - corners[i]) / np.linalg.norm(corners[j] - corners[i])
-            block = k * np.outer(d, d)
-            matrix[i, :, i] += block
-            matrix[j, :, j] += block
-            matrix[i, :, j] -= block
-            matrix[j, :, i] -= block
-        worst = max(worst, float(np.linalg.eigvalsh(matrix.reshape(8, 8))[-1]))
-    return worst / (material.areal_density * a * b / 4)
+        matrix = np.zeros((*p.shape, 2, 2))
+        edges = [(col, q, stretch * a / b), (row, p, stretch * b / a), (row + col, p + q, shear), (row - col, p - q, shear)]
+        for d, phase, k in edges:
+            matrix += (k * (2 - 2 * np.cos(phase)))[..., None, None] * np.outer(d, d) / (d @ d)
+        worst = max(worst, float(np.linalg.eigvalsh(matrix)[..., -1].max()))
+    return worst / (material.areal_density * a * b)
 
 
 @lru_cache(maxsize=1024)  # an environment asks before it sets a material
@@ -67,11 +62,10 @@ def stable_step(scene: Scene, material: Material, pressure: float = PRESSURE) ->
 def intervals(scene: Scene, material: Material, h: float, pressure: float = PRESSURE) -> tuple[int, int]:
     """After how many substeps of ``h`` [s] bending and the air act, 1 at least.
 
-    An impulse of a force of frequency ``w`` or rate ``c`` keeps ``k h w`` and ``k h c`` below 1. Near bodies bending
-    acts in every substep: a fold that a body stops bends within one.
+    An impulse of a force of frequency ``w`` or rate ``c`` keeps ``k h w`` and ``k h c`` below 1.
     """
     bending = np.sqrt(stiffness_bound(scene, material)[1])
     air = max(np.sqrt(pressure_bound(scene, material, pressure)), air_bound(scene, material, pressure))
-    most = HELD if scene.windy or scene.pressure else STILL
-    bend_every = 1 if scene.colliders else int(min(most, 1 / max(h * bending, 1e-9)))
-    return max(bend_every, 1), max(int(min(most, 1 / max(h * air, 1e-9))), 1)
+    most = (int(min(HELD, 1 / max(h * rate, 1e-9))) for rate in (bending, air))
+    bend_every, air_every = (max(every, 1) for every in most)
+    return bend_every, air_every

@@ -90,7 +90,8 @@ def step(
     substeps that their impulse stands for (``impulse_share``), ``D = exp(-drag h)``, ``phi = (1 - D) / (drag h)``
     (exact for a constant force); half of it (h / 2) in a frame's first, and again at its end. Then ``x <- x + h v``,
     contact with every body in turn; handles get the place and velocity of their cubic. The air sees velocities with half
-    of what its impulse, as large as the last one, will change.
+    of what its impulse, as large as the last one, will change. Velocities at the end are those that contact leaves of
+    them if they go on for half a substep.
     """
     materials = [scene.material] * state.batch if materials is None else materials
     if isinstance(substeps, np.ndarray):
@@ -110,7 +111,7 @@ def _frame(
     h, mass = scene.frame_dt / count, masses(scene.grid, materials)
     decay = h * values(materials, "drag")[:, :, None, None]
     weight = gravity_forces(scene.grid, materials, now.positions, scene.gravity)
-    kick, before = np.zeros_like(now.positions), 0.0  # the last slow force, and the share of the air's last impulse
+    kick, before = np.zeros_like(now.positions), 0.0  # the air's last impulse, and its share
     bends = any(material.bend_stiffness > 0 for material in materials)
 
     def change(decay: np.ndarray) -> np.ndarray:
@@ -120,25 +121,28 @@ def _frame(
         part = 0.5 if substep in (0, count) else 1.0
         bend, air = bends * impulse_share(substep, bend_every, count), impulse_share(substep, air_every, count)
         impulse = np.zeros_like(now.positions)
-        if bend:
-            impulse = bend * slow_forces(scene, materials, now, controls, air=False, bend=True)
         if air:
             seen = now.copy()
-            if before and (bend_every == air_every or not bends):
+            if before:
                 seen.velocities = now.velocities + air / 2 / before * kick / mass * h * change(decay)
-            impulse = impulse + air * slow_forces(scene, materials, seen, controls, air=True, bend=False)
-            before = air
-        if bend or air:
-            kick = impulse
+            kick = impulse = air / part * slow_forces(scene, materials, seen, controls, air=True, bend=False)
+            before = air / part
+        if bend:
+            impulse = impulse + bend / part * slow_forces(scene, materials, now, controls, air=False, bend=True)
         force = damped_spring_forces(scene.grid, materials, now.positions, now.velocities) + weight
         push = h * part * change(part * decay) / mass
-        now.velocities = now.velocities * np.exp(-part * decay) + (force + impulse / part) * push
+        now.velocities = now.velocities * np.exp(-part * decay) + (force + impulse) * push
         if substep < count:
             start, s = now.positions, (substep + 1) / count
             now.positions = start + h * now.velocities
             bodies, _ = bodies_at(scene, old, controls, s)
             resolve_contact(scene, now, start, now.colliders, bodies, h)
             now.colliders = bodies
+        elif scene.colliders:
+            s, trial = 1 + 0.5 / count, now.copy()
+            trial.positions = now.positions + h / 2 * now.velocities
+            resolve_contact(scene, trial, now.positions, now.colliders, bodies_at(scene, old, controls, s)[0], h / 2)
+            now.velocities, s = trial.velocities, 1.0
         put_handles(scene, old, now, controls, s)
     now.collider_velocities = np.array(controls.collider_velocities, np.float64)
     now.wind, now.pressure = controls.wind.copy(), controls.pressure.copy()

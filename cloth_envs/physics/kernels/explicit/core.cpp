@@ -19,10 +19,10 @@ struct Workspace {
   Plane<T> memory;
   Fields<T> prepare(const Strips<T>& s) {
     const std::size_t line = (s.cols + 2) * 4 * s.width;
-    memory.assign(5 * s.field + 4 * line, T(0));
+    memory.assign(6 * s.field + 4 * line, T(0));
     T* at = memory.data();
     Fields<T> f;
-    for (T** field : {&f.x, &f.y, &f.v, &f.impulse, &f.mid}) *field = std::exchange(at, at + s.field);
+    for (T** field : {&f.x, &f.y, &f.v, &f.impulse, &f.air, &f.mid}) *field = std::exchange(at, at + s.field);
     for (T** row : {&f.arrive, &f.first, &f.low, &f.start}) *row = std::exchange(at, at + line) + 4 * s.width;
     return f;
   }
@@ -105,7 +105,7 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     const int end = s.banded ? width : lane + 1;
     for (int l = lane; l < end; ++l) {
       put_terms(full, l, material, sheet_.gravity, h, h), put_terms(half, l, material, sheet_.gravity, h, h / 2);
-      put_terms(last, l, material, sheet_.gravity, 0, h / 2), put_slow(slow, l, material, sheet_, frame, s.turned);
+      put_terms(last, l, material, sheet_.gravity, h / 2, h / 2), put_slow(slow, l, material, sheet_, frame, s.turned);
     }
     put_cloth(s, sheet_, frame, T(material.damping), lane, f);
     handles.add(sheet_, frame, s, lane), bodies.add(sheet_, frame, lane, end);
@@ -113,7 +113,6 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
   }
 
   const int air = sheet_.air ? 2 : sheet_.pressure;
-  const bool together = !bends || substeps.bend_every == substeps.air_every;
   Impulses bend(bends, substeps.bend_every, count), blow(air, substeps.air_every, count);
   double before = 0;  // share of the last impulse of the air
   for (int k = 0; k <= count; ++k) {
@@ -122,12 +121,13 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     if (impulses) {
       const double coming = k < count ? blowing : blowing / 2;
       std::fill_n(slow.bend_share, width, T(bending)), std::fill_n(slow.air_share, width, T(blowing));
-      std::fill_n(slow.ahead, width, T(together && before > 0 ? coming / (2 * before) : 0));
+      std::fill_n(slow.ahead, width, T(before > 0 ? coming / (2 * before) : 0));
       kernels.slow[bending > 0][blowing > 0 ? air : 0](s, f, slow, full);
       if (blowing > 0) before = blowing;
     }
-    const std::vector<BodyLanes<T>>& now = bodies.to(end);
-    kernels.step[yields][impulses][k < count && !now.empty()](s, f, k == count ? last : k ? full : half, now);
+    const std::vector<BodyLanes<T>>& now = bodies.to(k < count ? end : 1 + 0.5 / count);
+    const Part part = k == count ? Part::kLast : now.empty() ? Part::kFree : Part::kBodies;
+    kernels.step[yields][impulses][int(part)](s, f, k == count ? last : k ? full : half, now);
     handles.put(f, full, width, end);
   }
   for (std::size_t m = 0; m < members.size(); ++m) take_cloth(s, sheet_, f, int(m), frames[members[m]]);

@@ -14,7 +14,7 @@ namespace minicloth {
 template <class T>
 struct Fields {
   T *x, *y, *v;             // positions, those `damping` times the velocity later, velocities
-  T *impulse, *mid;         // slow forces [N] times substeps, velocities that the air sees
+  T *impulse, *air, *mid;   // slow forces [N] times substeps, those of the air, velocities that it sees
   // Rows: what edges from the row above bring, and those of the first row; the air on the row below; where a row was.
   T *arrive, *first, *low, *start;
 };
@@ -39,12 +39,15 @@ struct SlowTerms {
   Lanes<T> bend_share, air_share, ahead;             // substeps; of the last impulses, in the velocities for the air
 };
 
+// A substep without bodies or with them, and the half kick at the end of a frame.
+enum class Part { kFree, kBodies, kLast };
+
 template <class T>
 struct ExplicitLanes {
   int width;
   // A substep of springs, dampers, gravity, drag, the impulses if they are due, and contact with bodies.
   using Step = void (*)(const Strips<T>&, const Fields<T>&, const StepTerms<T>&, const std::vector<BodyLanes<T>>&);
-  Step step[2][2][2];  // [springs yield under compression][impulses][bodies]
+  Step step[2][2][3];  // [springs yield under compression][impulses][Part]
   // The impulses of bending and of the air.
   using Slow = void (*)(const Strips<T>&, const Fields<T>&, const SlowTerms<T>&, const StepTerms<T>&);
   Slow slow[2][3];  // [bending][no air, pressure alone, air and pressure]

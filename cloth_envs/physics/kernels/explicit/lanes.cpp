@@ -15,10 +15,10 @@ namespace {
 template <class T>
 const ExplicitLanes<T> instance = {
     kLanes<T>,
-    {{{step<T, false, false, false>, step<T, false, false, true>},
-      {step<T, false, true, false>, step<T, false, true, true>}},
-     {{step<T, true, false, false>, step<T, true, false, true>},
-      {step<T, true, true, false>, step<T, true, true, true>}}},
+    {{{step<T, false, false, Part::kFree>, step<T, false, false, Part::kBodies>, step<T, false, false, Part::kLast>},
+      {step<T, false, true, Part::kFree>, step<T, false, true, Part::kBodies>, step<T, false, true, Part::kLast>}},
+     {{step<T, true, false, Part::kFree>, step<T, true, false, Part::kBodies>, step<T, true, false, Part::kLast>},
+      {step<T, true, true, Part::kFree>, step<T, true, true, Part::kBodies>, step<T, true, true, Part::kLast>}}},
     {{slow<T, false, kStill>, slow<T, false, kPressure>, slow<T, false, kMoving>},
      {slow<T, true, kStill>, slow<T, true, kPressure>, slow<T, true, kMoving>}},
 };

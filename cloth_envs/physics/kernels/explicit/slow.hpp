@@ -50,8 +50,7 @@ void slow_air(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
     const V<T> part = share * load(s.cell.data() + r * n);
     V3<T> own_before = {}, low_before = {};
     const auto put_corners = [&](int c, const V3<T>& own, const V3<T>& low) __attribute__((always_inline)) {
-      T* const to = f.impulse + s.at(r, c);
-      set<T>(to, get<T>(to) + (own + get<T>(f.low + c * q)));
+      set<T>(f.air + s.at(r, c), own + get<T>(f.low + c * q));
       set<T>(f.low + c * q, low);
     };
     for (int c = 0; c < cells; ++c) {
@@ -76,14 +75,14 @@ void slow_air(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
       own_before = part * (all - f1), low_before = part * (all - f2);
     }
     if (s.periodic) {
-      T* const to = f.impulse + s.at(r, 0);
+      T* const to = f.air + s.at(r, 0);
       set<T>(to, get<T>(to) + own_before), set<T>(f.low, get<T>(f.low) + low_before);
     } else {
       put_corners(cells, own_before, low_before);
     }
   }
   for (int c = 0; s.banded && c < s.cols; ++c) {
-    T* const to = f.impulse + s.at(0, c);
+    T* const to = f.air + s.at(0, c);
     set<T>(to, get<T>(to) + earlier(get<T>(f.low + c * q)));
   }
 }
@@ -143,16 +142,19 @@ void slow(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p, const S
       for (int c = 0; c < s.cols; ++c) {
         const std::ptrdiff_t i = s.at(r, c);
         const V<T> kick = !s.periodic && (c == 0 || c == s.cols - 1) ? T(2) * inner : inner;
-        set<T>(f.mid + i, get<T>(f.v + i) + kick * get<T>(f.impulse + i));
+        set<T>(f.mid + i, get<T>(f.v + i) + kick * get<T>(f.air + i));
       }
     }
     ghosts(s, f.mid, 0, 1);
   }
-  if constexpr (kBend)
-    slow_bending(s, f, p);
-  else
-    for (int r = 0; r < s.rows; ++r) std::fill_n(f.impulse + s.at(r, 0), s.cols * q, T(0));
   if constexpr (kAir != kStill) slow_air<T, kAir>(s, f, p);
+  if constexpr (kBend) slow_bending(s, f, p);
+  if constexpr (kAir != kStill)
+    for (int r = 0; r < s.rows; ++r)
+      for (std::ptrdiff_t i = s.at(r, 0); i < s.at(r, s.cols); i += q) {
+        const V3<T> air = get<T>(f.air + i);
+        set<T>(f.impulse + i, kBend ? get<T>(f.impulse + i) + air : air);
+      }
 }
 
 }  // namespace

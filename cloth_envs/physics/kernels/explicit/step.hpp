@@ -33,7 +33,7 @@ inline V<T> square(const V3<T>& d) {
   return d.x * d.x + (d.y * d.y + (d.z * d.z + tiny<T>));
 }
 
-// Contact of `cols` vertices of a row that has moved, from `start`, with one body; y lies to_y beyond x.
+// Contact of `cols` vertices of a row that has moved from `start` with one body.
 template <class T, Shape kShape>
 void keep_out(const BodyLanes<T>& body, const StepTerms<T>& p, int cols, const T* start, T* x, T* v, T* y) {
   constexpr int q = 3 * kLanes<T>;
@@ -48,7 +48,18 @@ void keep_out(const BodyLanes<T>& body, const StepTerms<T>& p, int cols, const T
   }
 }
 
-// Contact of a row that has moved with all bodies in turn.
+// The same with all bodies in turn.
+template <class T>
+void keep_out(const std::vector<BodyLanes<T>>& bodies, const StepTerms<T>& p, int cols, const T* start, T* x, T* v,
+              T* y) {
+  for (const BodyLanes<T>& body : bodies) {
+    if (body.shape == Shape::kSphere) keep_out<T, Shape::kSphere>(body, p, cols, start, x, v, y);
+    if (body.shape == Shape::kPlane) keep_out<T, Shape::kPlane>(body, p, cols, start, x, v, y);
+    if (body.shape == Shape::kCapsule) keep_out<T, Shape::kCapsule>(body, p, cols, start, x, v, y);
+  }
+}
+
+// Contact of a row that has moved.
 template <class T>
 void keep_out(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies,
               int r) {
@@ -59,10 +70,21 @@ void keep_out(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, con
     const V3<T> at = get<T>(x + i), u = get<T>(v + i);
     set<T>(f.start + i, V3<T>{at.x - dt * u.x, at.y - dt * u.y, at.z - dt * u.z});
   }
-  for (const BodyLanes<T>& body : bodies) {
-    if (body.shape == Shape::kSphere) keep_out<T, Shape::kSphere>(body, p, s.cols, f.start, x, v, y);
-    if (body.shape == Shape::kPlane) keep_out<T, Shape::kPlane>(body, p, s.cols, f.start, x, v, y);
-    if (body.shape == Shape::kCapsule) keep_out<T, Shape::kCapsule>(body, p, s.cols, f.start, x, v, y);
+  keep_out(bodies, p, s.cols, f.start, x, v, y);
+}
+
+// At a frame's end: what contact leaves of velocities that go on for dt.
+template <class T>
+void rest(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies) {
+  constexpr int q = 3 * kLanes<T>;
+  const V<T> dt = load(p.dt);
+  for (int r = 0; r < s.rows; ++r) {
+    T *const x = f.x + s.at(r, 0), *const v = f.v + s.at(r, 0), *const trial = f.y + s.at(r, 0);
+    for (int i = 0; i < s.cols * q; i += q) {
+      const V3<T> at = get<T>(x + i), u = get<T>(v + i);
+      set<T>(trial + i, V3<T>{at.x + dt * u.x, at.y + dt * u.y, at.z + dt * u.z});
+    }
+    keep_out(bodies, p, s.cols, x, trial, v, f.low);
   }
 }
 
@@ -97,7 +119,7 @@ inline Pulls<T> earlier(const Pulls<T>& p) {
 
 // Every edge is evaluated once, at the vertex that it leaves towards column + 1, row + 1 or a diagonal, of which all are
 // still where they were; then the vertex moves. f = k (1 - L / |d + damping w|) d: the dashpot lies in the length.
-template <class T, bool kYields, bool kImpulses, bool kBodies>
+template <class T, bool kYields, bool kImpulses, Part kPart>
 void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies) {
   constexpr int n = kLanes<T>, q = 3 * n, w = 4 * n;
   const int cols = s.cols;
@@ -135,8 +157,10 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
     V3<T> force = all.to - all.over * x;
     if constexpr (kImpulses) force = force + get<T>(y + to_impulse);
     const V3<T> u = {decay * v.x + kick * force.x, decay * v.y + kick * force.y, (decay * v.z - fall) + kick * force.z};
+    set<T>(y + to_v, u);
+    if constexpr (kPart == Part::kLast) return;
     const V3<T> x1 = {x.x + dt * u.x, x.y + dt * u.y, x.z + dt * u.z};
-    set<T>(y + to_v, u), set<T>(y + to_x, x1);
+    set<T>(y + to_x, x1);
     set<T>(y, V3<T>{x1.x + damping * u.x, x1.y + damping * u.y, x1.z + damping * u.z});
   };
 
@@ -184,7 +208,7 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
       vertex(cols - 1, no, border, no, diagonal, T(2) * inner);
       set_pulls<T>(arrive + (cols - 1) * w, down_before);
     }
-    if constexpr (kBodies)
+    if constexpr (kPart == Part::kBodies)
       if (r) keep_out(s, f, p, bodies, r);
   }
   // The first row waited: what arrives there comes from the last row of the band before.
@@ -196,7 +220,9 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
     const bool border = !s.periodic && (c == 0 || c == cols - 1);
     move(y0, get<T>(y0 + to_x), all, border ? T(2) * inner : inner, fall);
   }
-  if constexpr (kBodies) keep_out(s, f, p, bodies, 0);
+  if constexpr (kPart == Part::kBodies) keep_out(s, f, p, bodies, 0);
+  if constexpr (kPart == Part::kLast)
+    if (!bodies.empty()) rest(s, f, p, bodies);
 }
 
 }  // namespace
