@@ -103,6 +103,7 @@ class Scene:
     def describe(self) -> str:
         """What is modelled and what is not, as text."""
         m, g, net = self.material, self.grid, self.particles
+        twist = "twist of an isotropic plate" + ("" if m.twist in (0, 1) else f" times {m.twist:g}")
         contact = "friction {0.friction:g}" if net is None else f"velocity inside times {net.keep:g} a step"
         terms = {
             "gravity": self.gravity > 0,
@@ -110,7 +111,8 @@ class Scene:
             **({} if net is None else {"springs at distance two against bending": True}),
             "damping along the springs": m.damping > 0,
             "springs that yield under compression": m.yields,
-            f"quadratic bending and {m.twist:g} times a plate's twist": m.bend_stiffness > 0,
+            "quadratic bending": m.bend_stiffness > 0,
+            twist: m.bend_stiffness > 0 and m.twist > 0,
             "drag in proportion to the velocity": m.drag > 0,
             "air on triangles" + (f" ({self.air})" if self.air else ""): self.air is not None,
             "wind": self.windy,

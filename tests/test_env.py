@@ -250,8 +250,12 @@ def test_every_fabric_and_a_description(scene: str) -> None:
             env.reset(seed=0)
             rollout(env, 2)
     text = env.unwrapped.scene.describe()
-    assert "modelled: gravity" in text
-    assert "not modelled:" in text
+    modelled, missing = text.split("not modelled:")
+    assert "modelled: gravity" in modelled
+    assert "quadratic bending; twist of an isotropic plate; air on triangles" in modelled
+    assert "(density 1.2 kg/m^3, normal 1.5, lift 1, tangential 0.02)" in modelled
+    assert ("wind" in modelled) == (scene == "Flag")
+    assert ("forces of the cloth on bodies" in missing) == bool(env.unwrapped.scene.colliders)
     assert isinstance(env.unwrapped.task, Task)
     for heading in ("Description", "Action Space", "Observation Space", "Rewards", "Starting State", "Episode End",
                     "Arguments", "What Is Modelled", "Version History"):  # fmt: skip

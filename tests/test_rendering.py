@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,7 +48,7 @@ def make_scene(kind, rows=9, cols=13):
         colliders = (Collider("sphere", 0.2), Collider("plane"))
         bodies = np.array([[[[0.7, -0.5, 0.4]] * 2, [[0, 0, 0], [0, 0, 1]]]])
     grid = Grid(rows, cols, 0.6 if kind == "belt" else 1.0, 1.5, periodic=kind == "belt")
-    air = Air(max_wind=12.0) if kind == "pole" else None
+    air = Air(max_wind=12.0 if kind == "pole" else 0.0)
     scene = Scene(kind, grid, Material(), 0.04, tuple(handles.tolist()), air=air, colliders=colliders)
     return scene, State.still(positions, bodies)
 
@@ -266,3 +267,15 @@ def test_a_missing_library_says_what_to_install(flag, monkeypatch):
 def test_importing_the_package_imports_no_pyvista():
     code = "import sys, cloth_envs, cloth_envs.rendering; sys.exit(bool({'pyvista', 'vtkmodules'} & set(sys.modules)))"
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_no_arrow_is_drawn_in_still_air():
+    images = []
+    for air in (None, Air(), Air(max_wind=12.0)):
+        scene, state = make_scene("rail")
+        state.wind[:] = [5.0, 1.0, 0.0]
+        drawer = Renderer(replace(scene, air=air), **SIZE)
+        images.append(drawer.draw(state))
+        drawer.close()
+    assert (images[0] == images[1]).all()
+    assert (images[1] != images[2]).any()

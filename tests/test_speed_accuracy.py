@@ -108,7 +108,7 @@ def test_a_frozen_cloth_is_caught(windows: Windows, episodes: Windows) -> None:
         assert a.error_mean > 0
     explicit, still = (long_runs(m, episodes, burn_in=10) for m in (EXPLICIT, FROZEN))
     assert all(row.gate <= GATE for row in explicit)
-    assert all(row.gate == pytest.approx(1) for row in still)  # all of the way is missing
+    assert all(row.gate > 5 * GATE for row in still)  # all of a flag's way is missing
     assert all(a.score < b.score for a, b in zip(explicit, still, strict=True))
 
 

@@ -86,9 +86,8 @@ def test_a_wavy_sheet_falls_as_a_plate_does(fabric: str) -> None:
     states, _ = run(scene, State.still(bumpy(scene.grid, 1)), frames=25, dtype="float32")
     # m v' = m g - rho/2 C_n A v^2: .87, 1.19, 1.47 and 2.05 m/s after half a second.
     terminal = (2 * material.areal_density * G / (air.density * air.normal)) ** 0.5
-    assert -centre(scene, states, "velocities")[-1, 2] == pytest.approx(
-        terminal * np.tanh(G * 0.5 / terminal), rel=0.05
-    )
+    plate = terminal * np.tanh(G * 0.5 / terminal)
+    assert -centre(scene, states, "velocities")[-1, 2] == pytest.approx(plate, rel=0.05)
 
 
 @pytest.mark.parametrize("degrees", [10.0, 30.0, 60.0])
@@ -114,8 +113,8 @@ def test_a_tilted_sheet_glides(degrees: float) -> None:
 
 @pytest.mark.parametrize(("fabric", "limp", "flies"), [("silk", 1.0, 1.5), ("default", 1.0, 2.0), ("denim", 2.0, 3.5)])
 def test_a_flag_flaps_the_faster_the_stronger_the_wind(fabric: str, limp: float, flies: float) -> None:
-    grid, winds, steady = Grid(13, 19, 1.0, 1.5), np.array([limp, flies, 3.5, 6.0, 12.0]), slice(200, None)
-    scene = replace(Flag.build_scene(grid, FABRICS[fabric]), frame_dt=0.02)
+    grid, winds, steady = Grid(13, 19, 1.0, 1.5), np.array([limp, flies, 3.5, 6.0, 12.0]), slice(400, None)
+    scene = replace(Flag.build_scene(grid, FABRICS[fabric]), frame_dt=0.01)
     x = np.zeros((len(winds), 3, *grid.shape))
     along = np.linspace(0, 1, grid.cols)
     x[:, 0], x[:, 1] = grid.width * along, 0.01 * along * np.sin(8 * along)
@@ -123,7 +122,7 @@ def test_a_flag_flaps_the_faster_the_stronger_the_wind(fabric: str, limp: float,
     state = State.still(x)
     controls = Controls.hold(state, scene.handles)
     controls.wind[:, 0] = winds
-    states = run(scene, state, controls, 400, dtype="float32")[0][steady]
+    states = run(scene, state, controls, 800, dtype="float32")[0][steady]
     middle = np.array([s.positions[:, :, grid.rows // 2] for s in states])  # (T, B, 3, W)
     droop = (middle[:, :, 2, 0] - middle[:, :, 2, -1]).mean(0)
     assert droop[0] > 0.65 > droop[1]  # m of 1.5: the wind lifts it between these two speeds
