@@ -1,4 +1,4 @@
-"""The preset "zhao2024" against the author's program (Zhao 2024, eqs 1-5), written here as plain loops over particles."""
+"""The preset "zhao2024" against the author's loop (Zhao 2024, eqs 1-5), written here in plain Python."""
 
 from __future__ import annotations
 

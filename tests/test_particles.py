@@ -138,7 +138,9 @@ def test_springs_are_the_slope_of_their_energy() -> None:
     assert -(force * direction).sum() == pytest.approx(slope[0], rel=1e-6)
 
 
-@pytest.mark.parametrize(("dashpot", "in_place", "kept"), [(200.0, False, True), (0.0, True, True), (200.0, True, False)])
+@pytest.mark.parametrize(
+    ("dashpot", "in_place", "kept"), [(200.0, False, True), (0.0, True, True), (200.0, True, False)]
+)
 def test_momentum_is_kept_unless_dashpots_see_new_velocities(dashpot: float, in_place: bool, kept: bool) -> None:
     """From one end of a dashpot the other's velocity is old, from the other end new: the author's loop."""
     scene = make_scene(replace(FREE, dashpot=dashpot), steps=64)
@@ -260,7 +262,8 @@ def test_dashpots_and_drag_only_take_energy() -> None:
 def test_the_scene_tells_what_it_is() -> None:
     scene = make_scene(NET, gravity=9.8, pressure=True, colliders=(BALL,))
     text = scene.describe()
-    for words in ("Y = 10000 N", "springs at distance two", "four corners a vertex", "velocity inside times 0.95"):
+    told = ("Y = 10000 N", "in place, row by row", "springs at distance two", "four corners a vertex")
+    for words in (*told, "velocity inside times 0.95"):
         assert words in text
     assert (scene.mass == NET.node_mass).all()
     assert len(NEIGHBOURS) == len({tuple(offset) for offset in NEIGHBOURS.tolist()}) == 12

@@ -162,7 +162,7 @@ def test_shipped_cells_move_the_papers_nets_as_their_law_does(scene: str, preset
     moved = abs(one - start.positions).max()
     # Numbers within 0.1 % (below) over a frame, and float32 twice.
     assert abs(one - other).max() < 1e-3 * moved + 64 * EPS["float32"]
-    # The simulator's order is no convolution's: a dashpot turns c h / m = 7 % of a neighbour's step into the next one's.
+    # The simulator's order is no convolution's: a dashpot hands c h / m = 7 % of a particle's step on to the next.
     assert abs(one - true).max() < 0.07 * moved
 
 

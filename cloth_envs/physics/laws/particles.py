@@ -68,14 +68,14 @@ def hit_ball(
 
 
 def kicked_in_place(cell: Cell, x: np.ndarray, v: np.ndarray, kick: float, others: np.ndarray) -> np.ndarray:
-    """Velocities after the author's loop: row by row, one particle after the other gets ``kick`` (h / m) times its force.
+    """Velocities after the author's loop: row by row, particle after particle gets ``kick`` (h / m) times its force.
 
     Its dashpots see the new velocities of those before it. The bias, gravity, acts on all before the loop.
     """
     v = v + kick * cell.bias[:, None, None]
     rows, cols = x.shape[2:]
     for r, c in np.ndindex(rows, cols):
-        there = NEIGHBOURS + [r, c]
+        there = np.add(NEIGHBOURS, [r, c])
         found = ((there >= 0) & (there < [rows, cols])).all(1)
         own, other = (..., r, c, None), (..., *there[found].T)
         force = link_forces(cell.coefficients[found].T, cell.eps, x[other] - x[own], v[other] - v[own]).sum(-1)
@@ -96,10 +96,7 @@ def step(
     for k in range(steps):
         x, v = now.positions, now.velocities
         others = pressure_forces(x, controls.pressure) if scene.pressure else np.zeros(x.shape)
-        if in_place:
-            v = kicked_in_place(cell, x, v, kick, others)
-        else:
-            v = v + kick * (cell_forces(cell, x, v) + others)
+        v = kicked_in_place(cell, x, v, kick, others) if in_place else v + kick * (cell_forces(cell, x, v) + others)
         v = v * np.exp(-net.drag * scene.drag * h)
         at, speed = bodies_at(scene, old, controls, k / steps)
         for i, body in enumerate(scene.colliders):

@@ -76,7 +76,7 @@ def make_kernel(
     """The compiled steps of ``scene`` with the forces of ``cell``; ``refine`` divides every step.
 
     A step is ``v = exp(-drag h) (v + h (F + p sum r_a x r_b) / m)``, then balls, then ``x += h v`` (eq. 5). With
-    ``in_place`` the velocities change one after the other, row by row, as in the author's loop: F sees the new velocities
+    ``in_place`` velocities change one after the other, row by row, as in the author's loop: F sees the new velocities
     (before drag, balls and handles) of the neighbours that come before, else the old ones of all.
     """
     net, steps = net_of(scene), steps_a_frame(scene) * refine

@@ -1,7 +1,8 @@
 """Table 2 of Zhao 2024, the physics-embedded CNN, and what its cell is and is not good for (docs/networks.md).
 
 Errors are max |dx| over steps, particles and axes in % of the 1 m cloth, against our simulator in float64 with the
-author's settings and order: it changes velocities in place, and no convolution can. Speeds are of one thread, in one run, in turns.
+author's settings and order: velocities change in place, row by row, which no convolution does. Speeds are of one
+thread, in one run, in turns.
 """
 
 from collections.abc import Sequence

@@ -11,10 +11,9 @@ namespace minicloth {
 
 constexpr int kMostNeighbours = 16;
 
-// Where particles lie: wave c + 2 r holds what neither comes before nor after one another among neighbours when the grid
-// is gone through row by row, so a wave is one vector loop even where a particle sees the new velocities of those before
-// it. A wave's particles lie side by side by row; before, between and after them are ghosts, whose values are finite and
-// of no effect.
+// Where particles lie: side by side, by row, in waves of one number c + 2 r. Of all neighbours those that come before a
+// particle, row by row, lie in earlier waves and those after it in later ones, so a wave is one vector loop even where
+// particles see the new velocities of those before them. What else lies in a wave are ghosts, finite and of no effect.
 struct Waves {
   static constexpr int kGhosts = 16;  // no vector is longer
   int rows, cols;

@@ -1,6 +1,5 @@
 // Compiled once per instruction set; LANES names the namespace.
 #include "../base/simd.hpp"
-
 #include "core.hpp"
 
 namespace minicloth {
