@@ -58,5 +58,5 @@ class Particles:
         return (
             f"particles: {self.node_mass:g} kg each, springs Y (|r|/L - 1) with Y = {self.stiffness:g} N "
             f"(Y/L = {self.stiffness / self.spacing:g} N/m to the nearest), dashpots {self.dashpot:g} N s/m, "
-            f"drag {self.drag:g} 1/s, step {self.sim_dt * 1e3:g} ms"
+            f"drag {self.drag:g} 1/s, step {self.sim_dt * 1e3:g} ms, velocities changed in place, row by row"
         )

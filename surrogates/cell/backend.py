@@ -6,6 +6,9 @@ neighbour and the weight's direction and size (39 numbers); on a sheet what stre
 gravity are of the material's (5 numbers, identified class of edges by class of edges). Air drag, wind, pressure,
 bodies with friction, handles, the step and geometry are plugged in, as in the paper's fig. 2.
 
+The simulator of a net changes velocities in place, row by row, and a convolution reads those before the step: on nets
+frames are not those of ``"reference"`` (docs/networks.md has by how much), whatever was learned.
+
 On sheets the numbers are 1 to 1e-12 and frames are those of ``"reference"`` to the bit, at its speed; see
 ``training/bench/papers/large_step.py`` for why several cells cannot take a larger step.
 """

@@ -38,11 +38,14 @@ def dimensionless(scene: Scene, cell: Cell) -> dict[str, np.ndarray]:
 
 
 class CellNet(ParticleSolver):
-    """A net of particles whose forces are those of ``cell``; the simulator's kernel, step, contact and ``options``."""
+    """A net of particles whose forces are those of ``cell``; the simulator's kernel, step, contact and ``options``.
+
+    A convolution reads the velocities as they were before the step, where the simulator's loop changes them in place.
+    """
 
     def __init__(self, scene: Scene, cell: Cell, *, dtype: str = "float32", **options: int) -> None:
         super().__init__(scene, dtype=dtype, **options)
-        self._kernel = make_kernel(scene, cell, dtype=self.dtype.name)
+        self._kernel = make_kernel(scene, cell, in_place=False, dtype=self.dtype.name)
 
 
 class CellSheet(ExplicitSolver):

@@ -90,7 +90,8 @@ class Loss:
     """Eq. 8 over states: ``lambda MSE(impulses) + (1 - lambda) MSE(positions and velocities after the step)``.
 
     Without contact the new velocity errs by ``decay h`` times the acceleration's error and the position by ``h`` times
-    that: both are quadratic forms of it, of all particles and of those that move. ``forms`` is ``(T, 40, 40)``.
+    that: both are quadratic forms of it, of all particles and of those that move. States are the simulator's, the step
+    from them is the law's on their velocities (see ``data.accelerations``). ``forms`` is ``(T, 40, 40)``.
     """
 
     forms: np.ndarray

@@ -101,8 +101,9 @@ def particles(recipe: Recipe, out: Path, cache: Path) -> None:
             **about,
             "seconds of the fit": round(fit.seconds, 1),
             "off the simulator's law [%]": identified(found[name]),
-            "largest |dx| until 0.25 s, 0.5 s, the end; mean distance at the end [% of 1 m]": {
-                scene: [float(f"{e:.3g}") for e in scores[scene][name]] for scene in scores
+            "largest |dx| until 0.2 s, 0.5 s, the end; mean distance at the end [% of 1 m]": {
+                scene: {key: float(f"{e:.3g}") for key, e in scores[scene][name]._asdict().items() if np.isfinite(e)}
+                for scene in scores
             },
             "valid": "nets of particles of any stiffness, dashpot and mass that its step holds; springs at rest "
             "lengths of the grid; strains of the animations up to 1",

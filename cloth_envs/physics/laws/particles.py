@@ -22,14 +22,18 @@ def pairs(rows: int, cols: int) -> Iterator[tuple[int, tuple[Any, ...], tuple[An
         yield number, own, other
 
 
+def link_forces(coefficients: np.ndarray, eps: float, d: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """``alpha d + beta n + gamma (w . n) n`` of neighbours ``d`` away that move with ``w``, both ``(B, 3, ...)``."""
+    alpha, beta, gamma = coefficients
+    n = d / np.sqrt((d * d).sum(1, keepdims=True) + eps)
+    return alpha * d + beta * n + gamma * (w * n).sum(1, keepdims=True) * n
+
+
 def cell_forces(cell: Cell, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     """``sum_c [alpha_c d_c + beta_c n_c + gamma_c (w_c . n_c) n_c] + bias``; see ``Cell``."""
     out = np.zeros(x.shape) + cell.bias[:, None, None]
     for c, own, other in pairs(*x.shape[2:]):
-        alpha, beta, gamma = cell.coefficients[c]
-        d, w = x[other] - x[own], v[other] - v[own]
-        n = d / np.sqrt((d * d).sum(1, keepdims=True) + cell.eps)
-        out[own] += alpha * d + beta * n + gamma * (w * n).sum(1, keepdims=True) * n
+        out[own] += link_forces(cell.coefficients[c], cell.eps, x[other] - x[own], v[other] - v[own])
     return out
 
 
@@ -63,16 +67,37 @@ def hit_ball(
     return np.where(away < radius, left + velocity[:, :, None, None], v)
 
 
-def step(scene: Scene, state: State, controls: Controls, cell: Cell, refine: int = 1) -> State:
-    """One frame in the author's order: forces, drag, balls, ``x += h v``, and handles on their cubics; float64."""
+def kicked_in_place(cell: Cell, x: np.ndarray, v: np.ndarray, kick: float, others: np.ndarray) -> np.ndarray:
+    """Velocities after the author's loop: row by row, particle after particle gets ``kick`` (h / m) times its force.
+
+    Its dashpots see the new velocities of those before it. The bias, gravity, acts on all before the loop.
+    """
+    v = v + kick * cell.bias[:, None, None]
+    rows, cols = x.shape[2:]
+    for r, c in np.ndindex(rows, cols):
+        there = np.add(NEIGHBOURS, [r, c])
+        found = ((there >= 0) & (there < [rows, cols])).all(1)
+        own, other = (..., r, c, None), (..., *there[found].T)
+        force = link_forces(cell.coefficients[found].T, cell.eps, x[other] - x[own], v[other] - v[own]).sum(-1)
+        v[..., r, c] += kick * (force + others[..., r, c])
+    return v
+
+
+def step(
+    scene: Scene, state: State, controls: Controls, cell: Cell, refine: int = 1, *, in_place: bool = True
+) -> State:
+    """One frame in the author's order: forces, drag, balls, ``x += h v``, and handles on their cubics; float64.
+
+    Without ``in_place`` all forces are those of the velocities before the step, as a convolution's are.
+    """
     net, steps = net_of(scene), steps_a_frame(scene) * refine
     old, now, h = state.astype(np.float64), state.astype(np.float64), scene.frame_dt / steps
+    kick = h / net.node_mass
     for k in range(steps):
-        x = now.positions
-        force = cell_forces(cell, x, now.velocities)
-        if scene.pressure:
-            force += pressure_forces(x, controls.pressure)
-        v = (now.velocities + h / net.node_mass * force) * np.exp(-net.drag * h)
+        x, v = now.positions, now.velocities
+        others = pressure_forces(x, controls.pressure) if scene.pressure else np.zeros(x.shape)
+        v = kicked_in_place(cell, x, v, kick, others) if in_place else v + kick * (cell_forces(cell, x, v) + others)
+        v = v * np.exp(-net.drag * h)
         at, speed = bodies_at(scene, old, controls, k / steps)
         for i, body in enumerate(scene.colliders):
             v = hit_ball(x, v, at[:, i, 0], speed[:, i, 0], body.radius, net.keep ** (1 / refine))

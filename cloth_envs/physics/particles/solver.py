@@ -71,11 +71,13 @@ def steps_a_frame(scene: Scene) -> int:
 
 
 def make_kernel(
-    scene: Scene, cell: Cell, *, dtype: str = "float32", refine: int = 1
+    scene: Scene, cell: Cell, *, in_place: bool, dtype: str = "float32", refine: int = 1
 ) -> kernels.Particles32 | kernels.Particles64:
     """The compiled steps of ``scene`` with the forces of ``cell``; ``refine`` divides every step.
 
-    A step is ``v = exp(-drag h) (v + h (F + p sum r_a x r_b) / m)``, then balls, then ``x += h v`` (eq. 5).
+    A step is ``v = exp(-drag h) (v + h (F + p sum r_a x r_b) / m)``, then balls, then ``x += h v`` (eq. 5). With
+    ``in_place`` velocities change one after the other, row by row, as in the author's loop: F sees the new velocities
+    (before drag, balls and handles) of the neighbours that come before, else the old ones of all.
     """
     net, steps = net_of(scene), steps_a_frame(scene) * refine
     kernel = kernels.Particles32 if dtype == "float32" else kernels.Particles64
@@ -89,11 +91,12 @@ def make_kernel(
         decay=np.exp(-net.drag * scene.frame_dt / steps),
         keep=net.keep ** (1 / refine),
         substeps=steps,
+        in_place=in_place,
     )
 
 
 class ParticleSolver(Solver):
-    """Semi-implicit Euler at the particles' own step; handles and balls move on cubics through the frame.
+    """Semi-implicit Euler at the particles' own step, in the author's order; handles and balls move on cubics.
 
     Args, beside those of ``Solver``:
         refine: divides the step (4 for truth); what a ball leaves of a velocity in the time is the same.
@@ -108,7 +111,8 @@ class ParticleSolver(Solver):
         super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
         refine = whole_number("refine", refine)
         self.substeps = np.full(num_envs, steps_a_frame(scene) * refine, np.int32)
-        self._kernel = make_kernel(scene, mass_spring_cell(scene), dtype=self.dtype.name, refine=refine)
+        law = mass_spring_cell(scene)
+        self._kernel = make_kernel(scene, law, in_place=True, dtype=self.dtype.name, refine=refine)
 
     def check_material(self, material: Material) -> None:
         if material != self.scene.material:

@@ -1,6 +1,5 @@
 #include "core.hpp"
 
-#include <algorithm>
 #include <utility>
 
 #include "../base/threads.hpp"
@@ -9,37 +8,57 @@
 namespace minicloth {
 namespace {
 
+// A field (3, rows, cols) and its planes in waves.
+template <class T>
+void spread(const Waves& waves, const T* field, Axes<T> planes) {
+  for (T* plane : planes)
+    for (int r = 0; r < waves.rows; ++r)
+      for (int c = 0; c < waves.cols; ++c) plane[waves.at(r, c)] = *field++;
+}
+template <class T>
+void gather(const Waves& waves, Axes<T> planes, T* field) {
+  for (const T* plane : planes)
+    for (int r = 0; r < waves.rows; ++r)
+      for (int c = 0; c < waves.cols; ++c) *field++ = plane[waves.at(r, c)];
+}
+
 template <class T>
 void advance(const Net<T>& net, const Frame<T>& f) {
   const auto& kernels = lanes<NetLanes<T>>();
   const Sheet& sheet = net.sheet;
-  const int n = sheet.rows * sheet.cols;
-  thread_local std::vector<T> memory;
-  memory.resize(12 * std::size_t(n));
-  T *x = memory.data(), *v = x + 3 * n, *x_next = v + 3 * n, *v_next = x_next + 3 * n;
-  std::copy_n(f.x, 3 * n, x), std::copy_n(f.v, 3 * n, v);
   NetStep<T> step = net.step;
   step.pressure = T(sheet.pressure ? f.pressure : 0.0);
-  const auto handles = handles_of(sheet, f, [](int vertex) { return vertex; });
+  const Waves& waves = step.waves;
+  const int n = waves.size();
+  thread_local std::vector<T> memory;
+  memory.assign((net.in_place ? 6 : 9) * std::size_t(n), T(0));
+  T* start = memory.data();
+  T *x[3] = {start, start + n, start + 2 * n}, *v[3] = {start + 3 * n, start + 4 * n, start + 5 * n};
+  T* next[3] = {v[0], v[1], v[2]};
+  if (!net.in_place)
+    for (int k = 0; k < 3; ++k) next[k] = start + (6 + k) * n;
+  spread<T>(waves, f.x, x), spread<T>(waves, f.v, v);
+  const auto handles =
+      handles_of(sheet, f, [&](int vertex) { return waves.at(vertex / sheet.cols, vertex % sheet.cols); });
   const std::vector<Cubic> paths = body_paths(sheet, f);
+  std::vector<NetBall<T>> balls(sheet.bodies.size());
 
   for (int k = 0; k < net.substeps; ++k) {
-    const double start = double(k) / net.substeps, end = double(k + 1) / net.substeps;
-    kernels.velocities(step, x, v, v_next);
-    for (std::size_t b = 0; b < sheet.bodies.size(); ++b) {
-      NetBall<T> ball{{}, {}, T(sheet.bodies[b].radius), T(net.keep)};
+    const double begin = double(k) / net.substeps, end = double(k + 1) / net.substeps;
+    for (std::size_t b = 0; b < balls.size(); ++b) {
+      balls[b].radius = T(sheet.bodies[b].radius), balls[b].keep = T(net.keep);
       for (int c = 0; c < 3; ++c) {
         const Cubic& path = paths[6 * b + c];
-        ball.centre[c] = T(path.position(start)), ball.velocity[c] = T(path.velocity(start) / sheet.frame_dt);
+        balls[b].centre[c] = T(path.position(begin));
+        balls[b].velocity[c] = T(path.velocity(begin) / sheet.frame_dt);
       }
-      kernels.ball(ball, n, x, v_next);
     }
-    kernels.positions(3 * n, step.dt, x, v_next, x_next);
-    put_positions(handles, end, {x_next, x_next + n, x_next + 2 * n});
-    put_velocities(handles, end, {v_next, v_next + n, v_next + 2 * n});
-    std::swap(x, x_next), std::swap(v, v_next);
+    kernels.velocities(step, x, v, next);
+    std::swap(v, next);
+    kernels.move(step, balls, x, v);
+    put_positions<T>(handles, end, x), put_velocities<T>(handles, end, v);
   }
-  std::copy_n(x, 3 * n, f.x_out), std::copy_n(v, 3 * n, f.v_out);
+  gather<T>(waves, x, f.x_out), gather<T>(waves, v, f.v_out);
 }
 
 }  // namespace
