@@ -1,10 +1,12 @@
 """What exists in a scene and which forces are modelled; no solver word in it."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from cloth_envs.grid import Grid
+from cloth_envs.grip import Grip, Holding
 from cloth_envs.material import Material
 from cloth_envs.particles import Particles
 
@@ -48,6 +50,8 @@ class Scene:
         grid, material: the cloth.
         frame_dt: length of one environment step [s].
         handles: vertex numbers that are driven (or pinned, when the controls do not move them).
+        grips: which of the handles are patches of cloth that are held, firmly in their middle and softly around it;
+            other handles are firm.
         drag: still air slows the cloth by ``material.drag``.
         wind: wind on triangles, or None.
         pressure: a pressure difference [Pa] acts on triangles.
@@ -63,6 +67,7 @@ class Scene:
     material: Material
     frame_dt: float
     handles: tuple[int, ...] = ()
+    grips: tuple[Grip, ...] = ()
     drag: bool = True
     wind: Wind | None = None
     pressure: bool = False
@@ -73,6 +78,11 @@ class Scene:
 
     def with_material(self, material: Material) -> "Scene":
         return replace(self, material=material)
+
+    @cached_property
+    def holding(self) -> Holding:
+        """How firmly each of the handles is held, and which one it follows."""
+        return Holding.of(self.grid, self.handles, self.grips)
 
     @property
     def mass(self) -> np.ndarray:

@@ -14,7 +14,7 @@ from gymnasium.utils.seeding import np_random
 
 from cloth_envs.backend import Backend
 from cloth_envs.material import Material
-from cloth_envs.physics.laws.step import hermite
+from cloth_envs.physics.laws.drives import hermite
 from cloth_envs.policies import open_loop
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State

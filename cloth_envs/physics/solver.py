@@ -75,6 +75,8 @@ def kernel_sheet(scene: Scene) -> kernels.Sheet:
         wind_normal=wind.air_density * wind.normal if wind else 0.0,
         wind_tangential=wind.air_density * wind.tangential if wind else 0.0,
         handles=list(scene.handles),
+        hold=scene.holding.hold.ravel().tolist(),
+        lead=scene.holding.lead.tolist(),
         bodies=[
             kernels.Body(plane=body.kind == "plane", radius=body.radius, friction=body.friction)
             for body in scene.colliders

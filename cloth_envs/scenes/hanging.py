@@ -3,14 +3,15 @@
 import numpy as np
 
 from cloth_envs.grid import Grid
+from cloth_envs.grip import Grip, held
 from cloth_envs.material import Material
 from cloth_envs.scene import Scene
 from cloth_envs.scenes.drives import Drive, draw_gust, gust
 from cloth_envs.scenes.measures import columns, tolerance
-from cloth_envs.scenes.starts import grip
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
+GRIP = 0.0866  # m, radius of what holds the corner: as much as 5 cm along both sides
 SPEED, ACCELERATION = 1.0, 10.0  # m/s of the corner at full action, m/s^2
 LOW, HIGH = (-0.8, -0.8, -0.4), (0.8, 0.8, 0.4)  # m, box of the corner
 GOAL_LOW, GOAL_HIGH = (-0.6, -0.6, -0.2), (0.6, 0.6, 0.2)  # m, corner above the goal
@@ -68,7 +69,8 @@ class Hanging(Task):
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
-        return Scene("Hanging", grid, material, cls.frame_dt, handles=grip(grid, 0, 0), pressure=True)
+        grips = (Grip((0.0, 0.0), GRIP),)
+        return Scene("Hanging", grid, material, cls.frame_dt, handles=held(grid, grips), grips=grips, pressure=True)
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

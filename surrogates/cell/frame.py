@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cloth_envs.physics.laws.step import hermite
+from cloth_envs.physics.laws.drives import hermite
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import Controls, State
 from surrogates.cell.sheet import TINY, Force, SheetCell, cut, place

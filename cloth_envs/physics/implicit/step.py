@@ -8,7 +8,7 @@ import numpy as np
 from cloth_envs.material import Material
 from cloth_envs.physics.implicit.lbfgs import Secants, minimise
 from cloth_envs.physics.implicit.prefactored import implicit_system
-from cloth_envs.physics.laws.step import hermite
+from cloth_envs.physics.laws.drives import hermite
 from cloth_envs.physics.solver import kernel_material
 from cloth_envs.scene import GRAVITY, Scene
 

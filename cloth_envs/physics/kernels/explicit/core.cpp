@@ -85,7 +85,8 @@ void Explicit<T>::advance(const Frame<T>& f, const Material& material, int subst
   const AirTerms<T> blow = air_terms(sheet_, f);
   const bool air = sheet_.wind || sheet_.pressure;
   const auto step = kernels.step[material.yields()][air];
-  const auto handles = handles_of(sheet_, f, [&](int vertex) { return g.at(vertex); });
+  const double stiffness = material.stretch_stiffness / material.areal_density;
+  const auto handles = handles_of(sheet_, f, stiffness, [&](int vertex) { return g.at(vertex); });
   MovingBodies<T> bodies(sheet_, f, dt);
 
   for (int k = 0; k < substeps; ++k) {
@@ -93,7 +94,7 @@ void Explicit<T>::advance(const Frame<T>& f, const Material& material, int subst
     if (air) kernels.air[sheet_.wind](g, blow, now, work.air);
     step(g, terms, now, next, work.air, work.edges);
     for (const BodyStep<T>& body : bodies.to(end)) kernels.contact(g, body, now, next);
-    put_positions(handles, end, next.x), put_velocities(handles, end, next.v);
+    hold(handles, end, dt, next.x, next.v);
     g.wrap(next.x), g.wrap(next.v);
     std::swap(now, next);
   }

@@ -38,6 +38,8 @@ class Potential {
  public:
   explicit Potential(Sheet sheet);
   void begin(const Stage& stage);
+  // Until the next begin, springs of a stiffness [N/m] draw some of the 3 n coordinates to places.
+  void draw(const int* which, const double* stiffness, const double* places, int count);
   double evaluate(const double* x, double* gradient);  // (3, H, W); J, N
   int vertices() const { return geometry_.vertices(); }
 
@@ -62,6 +64,11 @@ class Potential {
   Plane<double> x_, g_, base_, along_, v_;  // 3 * size, padded as Geometry says
   Plane<double> air_;                       // 16 * size: unit normal and area / 4 of the four facets of each cell
   std::vector<double> mass_, target_;
+  struct Pull {
+    int at;
+    double stiffness, place;
+  };
+  std::vector<Pull> pulls_;
   double tau_ = 1, wind_velocity_[3] = {};
 };
 

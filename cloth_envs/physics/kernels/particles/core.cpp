@@ -20,7 +20,7 @@ void advance(const Net<T>& net, const Frame<T>& f) {
   std::copy_n(f.x, 3 * n, x), std::copy_n(f.v, 3 * n, v);
   NetStep<T> step = net.step;
   step.pressure = T(sheet.pressure ? f.pressure : 0.0);
-  const auto handles = handles_of(sheet, f, [](int vertex) { return vertex; });
+  const auto handles = handles_of(sheet, f, 0.0, [](int vertex) { return vertex; });
   const std::vector<Cubic> paths = body_paths(sheet, f);
 
   for (int k = 0; k < net.substeps; ++k) {
