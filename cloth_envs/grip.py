@@ -10,6 +10,7 @@ from cloth_envs.grid import Grid
 
 STIFFNESS = 25.0  # of what holds half a weight, over the cloth's stretch stiffness per radius^2; docs/physics.md
 POINTS = 16  # of a vertex's cell along each side, where a grip's profile is taken
+MIDWAY = 0.6  # of the spacing; vertices nearer than this to a middle keep it where it is driven
 LEAST = 1e-3  # of a weight; less holds nothing
 
 
@@ -29,18 +30,20 @@ class Grip:
     def weights(self, grid: Grid) -> dict[int, float]:
         """Vertices of an open grid and how much of each is held: the mean weight of its share of the sheet.
 
-        The first is the one nearest to the middle, which is held firmly (1): a point of the cloth is driven, and the
-        others with it.
+        The first is the one nearest to the middle, the lead: it is held firmly (1), so that a point of the cloth is
+        driven, and the others with it. Where the middle lies about midway between vertices, all of these are firm.
         """
         spacing = grid.row_spacing, grid.col_spacing
         near, away = zip(*map(self._along, self.middle, grid.shape, spacing), strict=True)
         distance = np.hypot(away[0][:, :, None, None], away[1])
         weights = np.clip(1.0 - distance / self.radius, 0.0, 1.0).mean((1, 3))
-        first = grid.index(*(min(round(x / d), n - 1) for x, d, n in zip(self.middle, spacing, grid.shape, strict=True)))
-        vertices = (near[0][:, None] * grid.cols + near[1]).ravel().tolist()
-        return {first: 1.0} | {
-            v: t for v, t in zip(vertices, weights.ravel().tolist(), strict=True) if t > LEAST and v != first
-        }
+        off = [np.abs(at - middle / d) for at, middle, d in zip(near, self.middle, spacing, strict=True)]
+        cells = np.maximum(off[0][:, None], off[1])
+        weights[cells < max(MIDWAY, cells.min() + 1e-9)] = 1.0
+        vertices = near[0][:, None] * grid.cols + near[1]
+        order = np.argsort(cells, axis=None, kind="stable")
+        pairs = zip(vertices.ravel()[order].tolist(), weights.ravel()[order].tolist(), strict=True)
+        return {vertex: weight for vertex, weight in pairs if weight > LEAST}
 
     def _along(self, middle: float, count: int, spacing: float) -> tuple[np.ndarray, np.ndarray]:
         """Of ``count`` places along a side those near the middle, and how far points of their cells are from it [m]."""
@@ -52,8 +55,8 @@ class Grip:
 
 
 def held(grid: Grid, grips: Sequence[Grip]) -> tuple[int, ...]:
-    """The vertices that ``grips`` hold, each grip's first vertex before its others."""
-    return tuple(dict.fromkeys(v for grip in grips for v in grip.weights(grid)))
+    """The vertices that ``grips`` hold, in order."""
+    return tuple(sorted({vertex for grip in grips for vertex in grip.weights(grid)}))
 
 
 class Holding(NamedTuple):

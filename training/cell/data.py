@@ -87,7 +87,7 @@ def accelerations(scene: Scene, state: State) -> np.ndarray:
     A step without handles and balls tells it for pinned particles as well.
     """
     net = net_of(scene)
-    free = replace(scene, frame_dt=net.sim_dt, handles=(), colliders=(), pressure=False)
+    free = replace(scene, frame_dt=net.sim_dt, handles=(), grips=(), colliders=(), pressure=False)
     after = bare_step(ParticleSolver(free, dtype="float64"), state)
     return ((after * np.exp(net.drag * net.sim_dt) - state.velocities) / net.sim_dt)[0].reshape(3, -1)
 

@@ -26,14 +26,14 @@ def bodies_at(scene: Scene, old: State, controls: Controls, s: float) -> tuple[n
 def handle_starts(
     scene: Scene, x: np.ndarray, v: np.ndarray, ends: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where the paths of handles that end at ``ends`` ``(B, N, 3)`` begin, and their velocities, ``(B, N, 3)``.
+    """Where the paths of handles that end at ``ends`` ``(..., N, 3)`` begin, and their velocities, of the same shape.
 
-    ``x`` and ``v`` are the handles', ``(B, N, 3)``. A firm one's path begins where it is; a soft one's where it would
+    ``x`` and ``v`` are the handles' own. A firm one's path begins where it is; a soft one's where it would
     be, had it moved with its lead alone.
     """
     holding = scene.holding
     lead = np.where(holding.firm, np.arange(len(holding.lead)), holding.lead)
-    return x[:, lead] + (ends - ends[:, lead]), v[:, lead]
+    return x[..., lead, :] + (ends - ends[..., lead, :]), v[..., lead, :]
 
 
 def put_handles(

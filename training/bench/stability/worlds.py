@@ -123,7 +123,7 @@ def _pressure(stage: Stage, level: float) -> dict[str, Any]:
 def _free(base: Base, level: float) -> Stage:
     """No force from outside: no handles, gravity, air or bodies, and smooth random velocities."""
     stage = episode(base, round(level))
-    scene = replace(stage.scene, handles=(), gravity=0.0, drag=False, wind=None, pressure=False, colliders=())
+    scene = replace(stage.scene, handles=(), grips=(), gravity=0.0, drag=False, wind=None, pressure=False, colliders=())
     v, u = np.meshgrid(*(np.linspace(0, np.pi, n) for n in scene.grid.shape), indexing="ij")
     rng, start = np.random.default_rng(base.seed), stage.start.copy()
     waves = np.array([np.cos(i * v) * np.cos(j * u) for i in range(3) for j in range(3)])
