@@ -60,11 +60,11 @@ def held(grid: Grid, grips: Sequence[Grip]) -> tuple[int, ...]:
 
 
 class Holding(NamedTuple):
-    """How handles are held: ``hold`` ``(N, 3)`` [1/m^2] along x, y, z and ``lead`` ``(N,)``, the handle that each one follows.
+    """How handles are held: ``hold`` ``(N, 3)`` [1/m^2] along x, y, z; ``lead`` ``(N,)``, the handle that one follows.
 
-    A firm handle is driven: its ``hold`` is infinite. A soft one, of weight ``t`` in a grip of radius ``r``, is drawn by
-    a spring of ``25 t / (1 - t) / r^2`` times the cloth's stretch stiffness, per area, to where it would be if it had
-    moved with its lead alone.
+    A firm handle is driven: its ``hold`` is infinite. A soft one, of weight ``t`` in a grip of radius ``r``, is drawn
+    by a spring of ``25 t / (1 - t) / r^2`` times the cloth's stretch stiffness, per area, to where it would be if it
+    had moved with its lead alone.
     """
 
     hold: np.ndarray

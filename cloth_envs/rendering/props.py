@@ -110,7 +110,7 @@ def fixtures(pv: Any, scene: Scene, handles: np.ndarray, ground: float) -> list[
         tube = {"line_width": 5.0, "render_lines_as_tubes": True}
         return [Part(line, look.STEEL, owner=np.append(around, around[:1])[: line.n_points], options=tube)]
     grips = patches(scene)
-    radius = (1.3 if len(grips) == len(handles) else 2.0) * thick
+    radius = (2.0 if scene.grips or len(grips) < len(handles) else 1.3) * thick
     ball = pv.Sphere(radius=radius, theta_resolution=20, phi_resolution=14)
     pins, owner = repeated(pv, ball, handles[grips])
     return [Part(pins, look.BRASS, owner=grips[owner])]

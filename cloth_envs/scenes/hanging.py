@@ -18,6 +18,7 @@ GOAL_LOW, GOAL_HIGH = (-0.6, -0.6, -0.2), (0.6, 0.6, 0.2)  # m, corner above the
 HANG = 0.79  # m, depth of the cloth's middle below the corner when it hangs at rest
 BREEZE = 0.15  # Pa, a twelfth of the cloth's weight
 WRAP = (0.6, 0.85)  # of a full turn, how far the starting cone closes
+EDGE_TURN = 1.4  # of the cone's sine times the cells along a side: edges of few cells would be chords of a narrow one
 SWING = 1.0  # rad/s, largest starting rate of swinging
 PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
 
@@ -77,7 +78,7 @@ class Hanging(Task):
         v, u = np.meshgrid(*(np.linspace(0.0, s, n) for s, n in zip(self.size, grid.shape, strict=True)), indexing="ij")
         distance, angle = np.hypot(u, v), np.arctan2(v, u) - np.pi / 4
         # A quarter sheet around its corner covers `wrap` of a cone: isometric, folded nowhere.
-        sine = 0.25 / rng.uniform(*WRAP)
+        sine = max(0.25 / rng.uniform(*WRAP), EDGE_TURN / min(grid.cells))
         across, turn = distance * sine, angle / sine
         cone = np.stack([across * np.cos(turn), across * np.sin(turn), -distance * np.sqrt(1 - sine**2)])
         x, _, z = cone.mean((1, 2))

@@ -100,7 +100,7 @@ def frame(
     wind, pressure, index = tensor(controls.wind), tensor(controls.pressure), torch.tensor(held, device=x.device)
     ends = [tensor(a.transpose(0, 2, 1)) for a in (controls.handle_positions, controls.handle_velocities)]
     now = [a.flatten(2)[..., held].transpose(1, 2) for a in (x, v)]
-    starts: list[Tensor] = handle_starts(scene, *now, ends[0].transpose(1, 2))  # type: ignore[arg-type, assignment]
+    starts: list[Tensor] = handle_starts(scene, *now, ends[0].transpose(1, 2))  # type: ignore[arg-type, assignment, call-arg]
     handles = [*(a.transpose(1, 2) for a in starts), *ends]
     firm = torch.as_tensor(scene.holding.firm, device=x.device)
     soft = tensor(np.where(scene.holding.firm[:, None], 0.0, scene.holding.hold).T)
@@ -121,8 +121,11 @@ def frame(
             x, v = (a.reshape(shape) for a in contact(body, *given, scene.thickness, h))
         bodies = moved
         if held:
-            path, speed = hermite(k / substeps, dt, *handles)  # type: ignore[arg-type]
+            cubics: tuple[Tensor, Tensor] = hermite(k / substeps, dt, *handles)  # type: ignore[arg-type, assignment]
+            path, speed = cubics
             e = pull / (1 + pull) * (path - x.flatten(2)[..., held])  # as laws.drives.put_handles
-            driven = [torch.where(firm, a, b.flatten(2)[..., held] + c) for a, b, c in ((path, x, e), (speed, v, e / h))]
+            driven = [
+                torch.where(firm, a, b.flatten(2)[..., held] + c) for a, b, c in ((path, x, e), (speed, v, e / h))
+            ]
             x, v = (a.flatten(2).index_copy(2, index, b).reshape(shape) for a, b in zip((x, v), driven, strict=True))
     return x, v

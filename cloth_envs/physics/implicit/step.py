@@ -74,7 +74,7 @@ class ImplicitStep:
         self._scale = SHARE * (1 + material.damping / tau)
         self._system = implicit_system(scene, material, tau * np.sqrt(self.push * self._scale))
         self._still = np.zeros((len(self.held), 3))
-        # The springs of soft handles: which of the 3 n coordinates they hold, how stiffly, and where among the handles'.
+        # The springs of soft handles: which of the 3 n coordinates they hold, how stiffly, which places they have.
         stiffness = scene.grip_stiffness(material).T
         axis, soft = np.nonzero(np.where(self.firm, 0.0, stiffness))
         self._drawn = (axis * scene.grid.vertices + handles[soft]).astype(np.int32)

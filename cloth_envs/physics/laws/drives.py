@@ -23,9 +23,7 @@ def bodies_at(scene: Scene, old: State, controls: Controls, s: float) -> tuple[n
     return hermite(s, scene.frame_dt, old.colliders, old.collider_velocities, x1, v1)
 
 
-def handle_starts(
-    scene: Scene, x: np.ndarray, v: np.ndarray, ends: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def handle_starts(scene: Scene, x: np.ndarray, v: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where the paths of handles that end at ``ends`` ``(..., N, 3)`` begin, and their velocities, of the same shape.
 
     ``x`` and ``v`` are the handles' own. A firm one's path begins where it is; a soft one's where it would

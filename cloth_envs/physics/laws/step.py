@@ -39,7 +39,7 @@ def step(
     ``substeps`` is a number for all, or ``(B,)``; ``materials`` default to the scene's.
     In a substep of length h: ``v <- v D + (F/m) h phi`` with ``D = exp(-drag h)``,
     ``phi = (1 - D) / (drag h)`` (exact for a constant force), ``x <- x + h v``, contact with every body
-    in turn; firm handles then get the place and velocity of their cubic, soft ones are drawn there (``put_handles``).
+    in turn; handles then go, or are drawn, to their cubics (``put_handles``).
     """
     materials = [scene.material] * state.batch if materials is None else materials
     if not isinstance(substeps, int):

@@ -114,7 +114,8 @@ void Admm<T>::advance(const Frame<T>& f, const System<T>& system) const {
       kernels.local(g, terms, area_.data(), w.goal, w.x, w.u, w.rest, w.tail, w.residual);
       for (const Handle& h : handles)
         for (int axis = 0; !h.firm() && axis < 3; ++axis)
-          w.residual[axis][h.at] += T(h.rate[axis] * m.areal_density * area_[h.at] * (h.position(axis, end) - w.x[axis][h.at]));
+          w.residual[axis][h.at] +=
+              T(h.rate[axis] * m.areal_density * area_[h.at] * (h.position(axis, end) - w.x[axis][h.at]));
       w.contact.active.clear();
       if (!steps.empty()) push(steps, terms, w);
       correct(system, w, w.x);

@@ -24,7 +24,7 @@ struct Fold {
 template <class T>
 struct System {
   Material material;
-  Plane<T> inverse;      // 1 / eigenvalue, (modes of rows, modes of columns), rows of Admm::line_
+  Plane<T> inverse;  // 1 / eigenvalue, (modes of rows, modes of columns), rows of Admm::line_
   // Inverse of the held vertices' Green function with 1 / stiffness of soft ones added, (3 axes, p, padded p).
   Plane<T> capacitance;
 };

@@ -28,14 +28,27 @@ void bind_sheet(nb::module_& m) {
             need(hold.size() == 3 * handles.size() && lead.size() == handles.size(), "hold must be (N, 3), lead (N,)");
             for (double h : hold) need(h >= 0, "what holds a handle can't be negative");
             for (int h : lead) need(h >= 0 && h < int(handles.size()), "what leads a handle must be a handle");
-            new (self)
-                Sheet{rows,      cols, row_length, col_length,  periodic,        frame_dt,           gravity,
-                      thickness, wind, pressure,   wind_normal, wind_tangential, std::move(handles), std::move(hold), std::move(lead), std::move(bodies)};
+            new (self) Sheet{rows,
+                             cols,
+                             row_length,
+                             col_length,
+                             periodic,
+                             frame_dt,
+                             gravity,
+                             thickness,
+                             wind,
+                             pressure,
+                             wind_normal,
+                             wind_tangential,
+                             std::move(handles),
+                             std::move(hold),
+                             std::move(lead),
+                             std::move(bodies)};
           },
           nb::kw_only(), nb::arg("rows"), nb::arg("cols"), nb::arg("row_length"), nb::arg("col_length"),
           nb::arg("periodic"), nb::arg("frame_dt"), nb::arg("gravity"), nb::arg("thickness"), nb::arg("wind"),
-          nb::arg("pressure"), nb::arg("wind_normal"), nb::arg("wind_tangential"), nb::arg("handles"), nb::arg("hold"), nb::arg("lead"),
-          nb::arg("bodies"));
+          nb::arg("pressure"), nb::arg("wind_normal"), nb::arg("wind_tangential"), nb::arg("handles"), nb::arg("hold"),
+          nb::arg("lead"), nb::arg("bodies"));
   nb::class_<Material>(m, "Material", "One cloth's material, as cloth_envs.material has it.")
       .def(
           "__init__",

@@ -25,7 +25,8 @@ struct Handle {
   double frame_dt;
   double rate[3];  // the spring's stiffness along an axis over the vertex's mass [1/s^2], infinite if it is firm
   bool firm() const { return std::isinf(rate[0]); }
-  // Of the way to its path, what a soft one goes at the end of a step of dt: implicit in the spring, stable at any rate.
+  // Of the way to its path, what a soft one goes at the end of a step of dt: implicit in the spring, stable at any
+  // rate.
   double share(int axis, double dt) const { return dt * dt * rate[axis] / (1 + dt * dt * rate[axis]); }
   double position(int axis, double s) const { return moves ? path[axis].position(s) : path[axis].p0; }
   double velocity(int axis, double s) const { return moves ? path[axis].velocity(s) / frame_dt : 0.0; }
