@@ -8,7 +8,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 
-STIFFNESS = 25.0  # of what holds half a weight, over the cloth's stretch stiffness per radius^2; docs/physics.md
+STIFFNESS = 9.0  # of what holds softly, over the cloth's stretch stiffness per radius^2; docs/physics.md
 POINTS = 16  # of a vertex's cell along each side, where a grip's profile is taken
 MIDWAY = 0.6  # of the spacing; vertices nearer than this to a middle keep it where it is driven
 LEAST = 1e-3  # of a weight; less holds nothing
@@ -63,8 +63,9 @@ class Holding(NamedTuple):
     """How handles are held: ``hold`` ``(N, 3)`` [1/m^2] along x, y, z; ``lead`` ``(N,)``, the handle that one follows.
 
     A firm handle is driven: its ``hold`` is infinite. A soft one, of weight ``t`` in a grip of radius ``r``, is drawn
-    by a spring of ``25 t / (1 - t) / r^2`` times the cloth's stretch stiffness, per area, to where it would be if it
-    had moved with its lead alone.
+    by a spring of ``9 t / (1 - t)^2 / r^2`` times the cloth's stretch stiffness, per area, to where it would be if it
+    had moved with its lead alone. Around the middle that is ``9 / d^2`` at a distance ``d``: the cloth's displacement
+    grows as ``d^3`` there, so that the lead itself carries nothing, however fine the grid.
     """
 
     hold: np.ndarray
@@ -87,7 +88,7 @@ class Holding(NamedTuple):
                 t, lead, grip = found[vertex]
                 leads[i] = number[lead]
                 if t < 1:
-                    hold[i] = STIFFNESS * t / (1 - t) / grip.radius**2 * np.array(grip.along)
+                    hold[i] = STIFFNESS * t / (1 - t) ** 2 / grip.radius**2 * np.array(grip.along)
         return cls(hold, leads)
 
     @property

@@ -15,7 +15,7 @@ from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
 RADIUS = 0.2  # m
-GRIP = 0.0866  # m, radius of what holds a corner: as much as 5 cm along both sides
+GRIP = 0.098  # m, radius of what holds a corner: as much cloth as 5 cm along both sides
 SPEED, ACCELERATION = 1.2, 12.0  # m/s at full action, m/s^2
 LOW, HIGH = (-0.3, -0.7, -1.1), (0.3, 0.4, -0.3)  # m, box of the ball's centre
 START_LOW, START_HIGH = (-0.25, -0.6, -1.0), (0.25, -0.4, -0.5)  # m
@@ -30,7 +30,7 @@ FREE_STRAIN, STRAIN_MARGIN = 0.03, 0.05  # the overstretch that costs nothing, a
 class Collision(Task):
     """
     ## Description
-    A cloth 1.0 m wide and 1.5 m tall hangs by 5 cm of its upper corners. Press a ball against it until the cloth
+    A cloth 1.0 m wide and 1.5 m tall hangs by 5 x 5 cm of its upper corners. Press a ball against it until the cloth
     takes the target shape, about the one it has when the ball rests at the goal, without stretching it.
 
     ## Action Space

@@ -11,7 +11,7 @@ from cloth_envs.scenes.measures import columns, tolerance
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
-GRIP = 0.0866  # m, radius of what holds the corner: as much as 5 cm along both sides
+GRIP = 0.098  # m, radius of what holds the corner: as much cloth as 5 cm along both sides
 SPEED, ACCELERATION = 1.0, 10.0  # m/s of the corner at full action, m/s^2
 LOW, HIGH = (-0.8, -0.8, -0.4), (0.8, 0.8, 0.4)  # m, box of the corner
 GOAL_LOW, GOAL_HIGH = (-0.6, -0.6, -0.2), (0.6, 0.6, 0.2)  # m, corner above the goal
@@ -27,7 +27,7 @@ PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
 class Hanging(Task):
     """
     ## Description
-    A cloth of 1 x 1 m, held by 5 cm of one corner, hangs in a light random breeze. Carry the corner so that the
+    A cloth of 1 x 1 m, held by as much of one corner as 5 x 5 cm, hangs in a light random breeze. Carry the corner so that the
     middle of the cloth comes to rest at a goal.
 
     ## Action Space
