@@ -1,10 +1,13 @@
 """What exists in a scene and which forces are modelled; no solver word in it."""
 
+from collections import Counter
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from cloth_envs.grid import Grid
+from cloth_envs.grip import Grip, Holding
 from cloth_envs.material import Material
 from cloth_envs.particles import Particles
 
@@ -60,6 +63,8 @@ class Scene:
         grid, material: the cloth.
         frame_dt: length of one environment step [s].
         handles: vertex numbers that are driven (or pinned, when the controls do not move them).
+        grips: which of the handles are patches of cloth that are held, firmly in their middle and softly around it;
+            other handles are firm.
         air: what moving through the air does to triangles, or None.
         pressure: a pressure difference [Pa] acts on triangles.
         colliders: bodies, in the order of ``State.colliders``.
@@ -74,6 +79,7 @@ class Scene:
     material: Material
     frame_dt: float
     handles: tuple[int, ...] = ()
+    grips: tuple[Grip, ...] = ()
     air: Air | None = None
     pressure: bool = False
     colliders: tuple[Collider, ...] = ()
@@ -83,6 +89,21 @@ class Scene:
 
     def with_material(self, material: Material) -> "Scene":
         return replace(self, material=material)
+
+    @cached_property
+    def holding(self) -> Holding:
+        """How firmly each of the handles is held, and which one it follows."""
+        return Holding.of(self.grid, self.handles, self.grips)
+
+    @cached_property
+    def pins(self) -> tuple[int, ...]:
+        """The handles that are firm: of every grip the vertex that leads it, and all that are in none."""
+        return tuple(v for v, firm in zip(self.handles, self.holding.firm.tolist(), strict=True) if firm)
+
+    def grip_stiffness(self, material: Material) -> np.ndarray:
+        """Of the springs that draw handles to their places along x, y, z, ``(N, 3)`` [N/m]; infinite for firm ones."""
+        area = self.grid.areas.ravel()[list(self.handles)]
+        return self.holding.hold * material.stretch_stiffness * area[:, None]
 
     @property
     def windy(self) -> bool:
@@ -99,6 +120,13 @@ class Scene:
     def __repr__(self) -> str:
         g = self.grid
         return f"<Scene {self.name}, {g.height:g} x {g.width:g} m, {g}, frame {self.frame_dt * 1e3:g} ms>"
+
+    def _held(self) -> str:
+        """What holds the cloth, as text."""
+        radii = Counter(grip.radius for grip in self.grips)
+        grips = [f"{n} {'grips' if n > 1 else 'grip'} of {100 * r:g} cm around" for r, n in radii.items()]
+        others = len(self.pins) - len(self.grips)
+        return ", ".join([*grips, f"{others} handles"] if others or not grips else grips)
 
     def describe(self) -> str:
         """What is modelled and what is not, as text."""
@@ -128,7 +156,7 @@ class Scene:
         tube = ", closed across columns" if g.periodic else ""
         lines = [
             f"{self.name}: {g.height:g} x {g.width:g} m, {g.rows} x {g.cols} vertices{tube}, "
-            f"{len(self.handles)} handles, frame {self.frame_dt * 1e3:g} ms",
+            f"{self._held()}, frame {self.frame_dt * 1e3:g} ms",
             f"material: {m.areal_density:g} kg/m^2, stretch {m.stretch_stiffness:g} N/m, "
             f"shear {m.shear_stiffness:g} N/m, bend {m.bend_stiffness:g} N m"
             if net is None

@@ -149,7 +149,7 @@ class World:
         )
         state.velocities[:] = [s.velocities for s in starts]
         memory = {name: np.stack([s.memory[name] for s in starts]) for name in starts[0].memory}
-        self._place(which, state, memory)
+        self._place(which, state, memory | self.task.gripped(state.positions))
         self.frames[which] = 0
 
     def _place(self, which: Sequence[int], state: State, memory: dict[str, np.ndarray]) -> None:
@@ -175,7 +175,7 @@ class World:
         for name, value in parts.items():
             target = getattr(state, name)[0]
             target[:] = check_array(f"state.{name}", value, target.shape, "fiu")
-        self._place([which], state, {})
+        self._place([which], state, self.task.gripped(state.positions))
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, list[str | None]]:
         """One frame. Returns rewards ``(B,)`` in [0, 1] and, per environment, why it failed or None.

@@ -4,8 +4,8 @@ from torch import as_tensor, tensor
 
 from cloth_envs import register_backend
 from cloth_envs.physics.explicit.bounds import stable_step
+from cloth_envs.physics.laws.drives import hermite
 from cloth_envs.physics.laws.stencil import edges
-from cloth_envs.physics.laws.step import hermite
 from cloth_envs.physics.solver import Solver
 
 register_backend("springs", "own_backend:Springs")

@@ -31,7 +31,7 @@ CASES: dict[str, Case] = {
     "torch": ("Flag", {"backend": "cnn", "backend_kwargs": {"engine": "torch"}, "resolution": (4, 5)}, 0.045),
     "own": ("Curtain", {"backend": "own_backend:Springs", "randomize": None}, 0.025),
     "Curtain": ("Curtain", {}, 0.025),
-    "Collision": ("Collision", {}, 0.07),
+    "Collision": ("Collision", {}, 0.03),
     "Pressure": ("Pressure", {}, 0.03),
     "Hanging": ("Hanging", {}, 0.14),
     "BallDrop": ("BallDrop", {}, 0.002),

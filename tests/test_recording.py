@@ -86,7 +86,7 @@ def test_a_file_of_an_earlier_layout_still_reads(version: int, tmp_path: Path, m
         assert rollout.seeds == [0, None]
         # Its air was a drag of 0.5 1/s, and nothing resisted twist.
         assert rollout.material() == now.material.with_changes(drag=0.5, twist=0.0)
-        assert rollout.scene == replace(now, material=rollout.material(), air=None)
+        assert rollout.scene == replace(now, material=rollout.material(), air=None, grips=())
         monkeypatch.setattr(Collision, "build_scene", lambda *_: rollout.scene)
         env = gym.make("MiniCloth-Collision-v0", resolution=(5, 4)).unwrapped
         env.reset(seed=0)

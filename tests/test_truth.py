@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cloth_envs.physics.laws.budget import slow_motion
-from cloth_envs.physics.laws.step import hermite
+from cloth_envs.physics.laws.drives import hermite
 from training.bench.measure import built, run, vertex_error
 from training.bench.participants import FAMILIES
 from training.rollouts import replay, retime

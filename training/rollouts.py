@@ -14,7 +14,7 @@ from gymnasium.utils.seeding import np_random
 
 from cloth_envs.backend import Backend
 from cloth_envs.material import Material
-from cloth_envs.physics.laws.step import hermite
+from cloth_envs.physics.laws.drives import handle_starts, hermite
 from cloth_envs.policies import open_loop
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
@@ -205,7 +205,8 @@ def retime(scene: Scene, start: State, controls: Sequence[Controls], factor: flo
     bodies, moving = start.colliders, start.collider_velocities
     for c in controls:
         for part in (k / n for k in range(1, n + 1)):
-            handles = hermite(part, scene.frame_dt, x, v, c.handle_positions, c.handle_velocities)
+            starts = handle_starts(scene, x, v, c.handle_positions)
+            handles = hermite(part, scene.frame_dt, *starts, c.handle_positions, c.handle_velocities)
             around = hermite(part, scene.frame_dt, bodies, moving, c.colliders, c.collider_velocities)
             out.append(Controls(*handles, *around, c.wind, c.pressure))
         x, v, bodies, moving = c.handle_positions, c.handle_velocities, c.colliders, c.collider_velocities

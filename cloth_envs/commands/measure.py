@@ -84,15 +84,18 @@ class Comparison:
 def restart(world: World, saved: dict[str, np.ndarray], grid: Grid) -> None:
     """Continue ``saved``, a ``World.get_state()`` on ``grid``, in a world of another resolution or backend.
 
-    The cloth is interpolated; bodies, goals, gusts and time are kept.
+    The cloth is interpolated, and gripped as it lies then; bodies, goals, gusts and time are kept.
     """
     state = dict(saved)
     for name in ("state.positions", "state.velocities"):
         state[name] = resample(saved[name], grid, world.scene.grid)
-    own = world.get_state()
+    gripped = {f"memory.{name}": value for name, value in world.task.gripped(state["state.positions"]).items()}
+    own = world.get_state() | gripped
     state["scene"] = own["scene"]
-    for name, value in saved.items():
-        if name.startswith("memory.") and own[name].shape != value.shape:
+    for name in {name for name in (*saved, *gripped) if name.startswith("memory.")}:
+        if name not in own:
+            del state[name]
+        elif name not in saved or saved[name].shape != own[name].shape:
             state[name] = own[name]
     world.set_state(state)
 

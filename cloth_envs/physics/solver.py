@@ -79,6 +79,8 @@ def kernel_sheet(scene: Scene) -> kernels.Sheet:
         air_lift=air.density * air.lift if air else 0.0,
         air_tangential=air.density * air.tangential if air else 0.0,
         handles=list(scene.handles),
+        hold=scene.holding.hold.ravel().tolist(),
+        lead=scene.holding.lead.tolist(),
         bodies=[
             kernels.Body(plane=body.kind == "plane", radius=body.radius, friction=body.friction)
             for body in scene.colliders

@@ -204,7 +204,7 @@ class Collision2019(Lee2019, Collision):
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
-        return replace(super().build_scene(grid, material), handles=tuple(range(grid.cols)), air=None)
+        return replace(super().build_scene(grid, material), handles=tuple(range(grid.cols)), grips=(), air=None)
 
     def path(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where the ball would be at ``time`` ``(B,)`` and how fast, ``(B, 3)`` [m] and [m/s]."""

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 
 from cloth_envs.grid import Grid
+from cloth_envs.grip import Grip
 from cloth_envs.material import PROPERTIES, Material
 from cloth_envs.particles import Particles
 from cloth_envs.scene import Air, Collider, Scene
@@ -62,6 +63,8 @@ def scene_from_json(text: str, handles: tuple[int, ...] | None = None) -> Scene:
     parts["particles"] = net and Particles(**net)
     parts["colliders"] = tuple(Collider(**body) for body in parts["colliders"])
     parts["handles"] = tuple(parts["handles"]) if handles is None else handles
+    grips = parts.get("grips", ())  # files of version 0.1 have none
+    parts["grips"] = tuple(Grip(tuple(g["middle"]), g["radius"], tuple(g["along"])) for g in grips)
     return Scene(**parts)
 
 

@@ -35,7 +35,7 @@ class Camera:
 
 def support(scene: Scene) -> str:
     """How the cloth is held: ``pole``, ``rail``, ``frame``, ``belt``, ``pins`` or ``free``."""
-    grid, handles = scene.grid, np.array(scene.handles, int)
+    grid, handles = scene.grid, np.array(scene.pins, int)
     if not len(handles):
         return "free"
     row, col = np.divmod(handles, grid.cols)
@@ -49,12 +49,12 @@ def support(scene: Scene) -> str:
 
 
 def at_resolution(scene: Scene, shape: tuple[int, int]) -> Scene:
-    """The scene on a grid of another ``(rows, cols)``: the same handles to the nearest vertex."""
+    """The scene on a grid of another ``(rows, cols)``: the same pins at the nearest vertices, of grips no more."""
     grid = scene.grid
     if shape == grid.shape:
         return scene
     fine = replace(grid, rows=shape[0], cols=shape[1])
-    row, col = np.divmod(np.array(scene.handles, int), grid.cols)
+    row, col = np.divmod(np.array(scene.pins, int), grid.cols)
     row = np.rint(row * (fine.rows - 1) / (grid.rows - 1)).astype(int)
     col = np.rint(col * fine.cells[1] / grid.cells[1]).astype(int)
     vertices = row * fine.cols + col % fine.cols
@@ -63,7 +63,7 @@ def at_resolution(scene: Scene, shape: tuple[int, int]) -> Scene:
         vertices = np.flatnonzero(across == 0 if kind == "pole" else down == row[0])
     elif kind == "frame":
         vertices = np.sort(fine.border)
-    return replace(scene, grid=fine, handles=tuple(dict.fromkeys(vertices.tolist())))
+    return replace(scene, grid=fine, handles=tuple(dict.fromkeys(vertices.tolist())), grips=())
 
 
 def lowest_hang(grid: Grid, handles: Sequence[int], heights: np.ndarray) -> float:
@@ -88,8 +88,8 @@ def reach(scene: Scene, state: State, member: int = 0) -> np.ndarray:
         rise = 0.28 * min(grid.width, grid.height)
         low[2], high[2] = low[2] - rise, high[2] + rise  # it may bulge either way
     elif kind != "free":
-        handles = points[list(scene.handles)]
-        low[2] = min(low[2], lowest_hang(grid, scene.handles, handles[:, 2]))
+        handles = points[list(scene.pins)]
+        low[2] = min(low[2], lowest_hang(grid, scene.pins, handles[:, 2]))
         if kind == "pole":  # the wind may turn, or the pole be walked about
             foot = handles.mean(0)
             low[:2] = np.minimum(low, foot - TURN_ROUND * grid.width)[:2]
@@ -132,8 +132,8 @@ def direction(scene: Scene, state: State, member: int = 0) -> np.ndarray:
 
 def anchor(scene: Scene, state: State, member: int) -> np.ndarray:
     """What the camera follows, ``(3,)`` [m]: the mean of the handles, else of the bodies, else the origin."""
-    if scene.handles:
-        return state.positions[member].reshape(3, -1)[:, list(scene.handles)].mean(1).astype(float)
+    if scene.pins:
+        return state.positions[member].reshape(3, -1)[:, list(scene.pins)].mean(1).astype(float)
     bodies = [ends.mean(0) for body, ends in zip(scene.colliders, state.colliders[member], strict=True) if body.radius]
     return np.mean(bodies, 0).astype(float) if bodies else np.zeros(3)
 

@@ -81,9 +81,9 @@ def rail(pv: Any, handles: np.ndarray, thick: float, length: float) -> list[Part
 
 
 def patches(scene: Scene) -> np.ndarray:
-    """Of each patch of neighbouring handles the one nearest to a corner of the sheet; places in ``scene.handles``."""
+    """Of each patch of neighbouring handles the one nearest to a corner of the sheet; places in ``scene.pins``."""
     rows, cols = scene.grid.shape
-    at = np.stack(np.divmod(np.array(scene.handles, int), cols), 1)
+    at = np.stack(np.divmod(np.array(scene.pins, int), cols), 1)
     patch = np.arange(len(at))
     for i, place in enumerate(at):  # one pass over the rows joins what touches, diagonals included
         near = np.flatnonzero(np.abs(at[: i + 1] - place).max(1) <= 1)
@@ -104,13 +104,13 @@ def fixtures(pv: Any, scene: Scene, handles: np.ndarray, ground: float) -> list[
     if kind == "rail":
         return rail(pv, handles, thick, 1.12 * max(scene.grid.width, float(np.ptp(handles, 0).max())))
     if kind in ("frame", "belt"):
-        order = np.argsort(scene.handles)  # places in the handles, around the border or the tube
-        around = order if kind == "belt" else order[np.searchsorted(scene.handles, scene.grid.border, sorter=order)]
+        order = np.argsort(scene.pins)  # places in the handles, around the border or the tube
+        around = order if kind == "belt" else order[np.searchsorted(scene.pins, scene.grid.border, sorter=order)]
         line = pv.lines_from_points(handles[around], close=True)
         tube = {"line_width": 5.0, "render_lines_as_tubes": True}
         return [Part(line, look.STEEL, owner=np.append(around, around[:1])[: line.n_points], options=tube)]
     grips = patches(scene)
-    radius = (1.3 if len(grips) == len(handles) else 2.0) * thick
+    radius = (2.0 if scene.grips or len(grips) < len(handles) else 1.3) * thick
     ball = pv.Sphere(radius=radius, theta_resolution=20, phi_resolution=14)
     pins, owner = repeated(pv, ball, handles[grips])
     return [Part(pins, look.BRASS, owner=grips[owner])]

@@ -65,11 +65,11 @@ class View:
         self._stand(start, member, camera)
 
     def _handles(self, state: State, member: int) -> np.ndarray:
-        return state.positions[member].reshape(3, -1).T[list(self.scene.handles)].astype(np.float32)
+        return state.positions[member].reshape(3, -1).T[list(self.scene.pins)].astype(np.float32)
 
     def _fixtures(self, start: State, member: int) -> list[Part]:
         handles = self._handles(start, member)
-        return fixtures(self.pv, self.scene, handles, self.ground.height) if self.scene.handles else []
+        return fixtures(self.pv, self.scene, handles, self.ground.height) if self.scene.pins else []
 
     def _stand(self, start: State, member: int, camera: framing.Camera) -> None:
         """Set what everything moves from, and the lights around the vertical."""

@@ -5,15 +5,17 @@ from itertools import pairwise
 import numpy as np
 
 from cloth_envs.grid import Grid
+from cloth_envs.grip import Grip, held
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.measures import columns, largest_stretch, tolerance
-from cloth_envs.scenes.starts import bow, grip
+from cloth_envs.scenes.starts import bow
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
 RADIUS = 0.2  # m
+GRIP = 0.098  # m, radius of what holds a corner: as much cloth as 5 cm along both sides
 SPEED, ACCELERATION = 1.2, 12.0  # m/s at full action, m/s^2
 LOW, HIGH = (-0.3, -0.7, -1.1), (0.3, 0.4, -0.3)  # m, box of the ball's centre
 START_LOW, START_HIGH = (-0.25, -0.6, -1.0), (0.25, -0.4, -0.5)  # m
@@ -28,7 +30,7 @@ FREE_STRAIN, STRAIN_MARGIN = 0.03, 0.05  # the overstretch that costs nothing, a
 class Collision(Task):
     """
     ## Description
-    A cloth 1.0 m wide and 1.5 m tall hangs by 5 cm of its upper corners. Press a ball against it until the cloth
+    A cloth 1.0 m wide and 1.5 m tall hangs by 5 x 5 cm of its upper corners. Press a ball against it until the cloth
     takes the target shape, about the one it has when the ball rests at the goal, without stretching it.
 
     ## Action Space
@@ -78,9 +80,11 @@ class Collision(Task):
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
-        corners = grip(grid, 0, 0) + grip(grid, 0, -1)
+        grips = (Grip((0.0, 0.0), GRIP), Grip((0.0, grid.width), GRIP))
         ball = Collider("sphere", RADIUS, 0.3, "ball")
-        return Scene("Collision", grid, material, cls.frame_dt, handles=corners, colliders=(ball,), air=Air())
+        return Scene(
+            "Collision", grid, material, cls.frame_dt, handles=held(grid, grips), grips=grips, colliders=(ball,), air=Air()
+        )
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

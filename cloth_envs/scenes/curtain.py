@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from cloth_envs.grid import Grid
+from cloth_envs.grip import Grip, held
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene
 from cloth_envs.scenes.drives import Drive
@@ -13,7 +14,7 @@ from cloth_envs.scenes.starts import bow
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
-RINGS = 7
+RINGS, RING = 7, 0.03  # how many, and the radius [m] of what each holds
 SPEED = (0.5, 0.6)  # m/s at full action: lead ring along the rail, rail across
 LOW, HIGH = (0.35, -0.3), (0.95, 0.3)  # m, box of the lead ring
 ACCELERATION = 15.0  # m/s^2
@@ -27,7 +28,7 @@ COVER_MARGIN, CALM_MARGIN = 0.3, 0.5  # fraction, m/s
 class Curtain(Task):
     """
     ## Description
-    A curtain 1.0 m wide and 1.5 m tall hangs by seven rings from a rail along x. The first ring is
+    A curtain 1.0 m wide and 1.5 m tall hangs by seven rings, each of 3 cm around, from a rail along x. The first ring is
     fixed to the wall at x = 0, the last (lead) ring is pulled along the rail and the others space out
     between them. The rail sways across. Cover a target fraction of the 1 m window and calm the curtain.
 
@@ -63,8 +64,9 @@ class Curtain(Task):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self.columns = self.handles % scene.grid.cols
-        share = self.columns / (scene.grid.cols - 1)
+        ringed = self.leads % scene.grid.cols  # of each handle, the column of its ring
+        self.columns = np.unique(ringed)
+        share = ringed / (scene.grid.cols - 1)
         self.follow = np.stack([share, np.ones(len(share))], 1)  # of the lead ring's x, y
         self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
         edges = self.keypoints.reshape(self.lattice)
@@ -74,7 +76,8 @@ class Curtain(Task):
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
         rings = min(RINGS, (grid.cols + 1) // 2)  # at least two cells a pleat
         columns = np.linspace(0, grid.cols - 1, rings).round().astype(int)
-        return Scene("Curtain", grid, material, cls.frame_dt, handles=tuple(columns.tolist()), air=Air())
+        grips = tuple(Grip((0.0, col * grid.col_spacing), RING, (False, False, True)) for col in columns.tolist())
+        return Scene("Curtain", grid, material, cls.frame_dt, handles=held(grid, grips), grips=grips, air=Air())
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

@@ -3,20 +3,22 @@
 import numpy as np
 
 from cloth_envs.grid import Grid
+from cloth_envs.grip import Grip, held
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene
 from cloth_envs.scenes.drives import Drive, draw_gust, gust
 from cloth_envs.scenes.measures import columns, tolerance
-from cloth_envs.scenes.starts import grip
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
+GRIP = 0.098  # m, radius of what holds the corner: as much cloth as 5 cm along both sides
 SPEED, ACCELERATION = 1.0, 10.0  # m/s of the corner at full action, m/s^2
 LOW, HIGH = (-0.8, -0.8, -0.4), (0.8, 0.8, 0.4)  # m, box of the corner
 GOAL_LOW, GOAL_HIGH = (-0.6, -0.6, -0.2), (0.6, 0.6, 0.2)  # m, corner above the goal
 HANG = 0.79  # m, depth of the cloth's middle below the corner when it hangs at rest
 BREEZE = 0.15  # Pa, a twelfth of the cloth's weight
 WRAP = (0.6, 0.85)  # of a full turn, how far the starting cone closes
+EDGE_TURN = 1.4  # of the cone's sine times the cells along a side: edges of few cells would be chords of a narrow one
 SWING = 1.0  # rad/s, largest starting rate of swinging
 PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
 
@@ -25,7 +27,7 @@ PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
 class Hanging(Task):
     """
     ## Description
-    A cloth of 1 x 1 m, held by 5 cm of one corner, hangs in a light random breeze. Carry the corner so that the
+    A cloth of 1 x 1 m, held by as much of one corner as 5 x 5 cm, hangs in a light random breeze. Carry the corner so that the
     middle of the cloth comes to rest at a goal.
 
     ## Action Space
@@ -68,14 +70,17 @@ class Hanging(Task):
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
-        return Scene("Hanging", grid, material, cls.frame_dt, handles=grip(grid, 0, 0), pressure=True, air=Air())
+        grips = (Grip((0.0, 0.0), GRIP),)
+        return Scene(
+            "Hanging", grid, material, cls.frame_dt, handles=held(grid, grips), grips=grips, pressure=True, air=Air()
+        )
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid
         v, u = np.meshgrid(*(np.linspace(0.0, s, n) for s, n in zip(self.size, grid.shape, strict=True)), indexing="ij")
         distance, angle = np.hypot(u, v), np.arctan2(v, u) - np.pi / 4
         # A quarter sheet around its corner covers `wrap` of a cone: isometric, folded nowhere.
-        sine = 0.25 / rng.uniform(*WRAP)
+        sine = max(0.25 / rng.uniform(*WRAP), EDGE_TURN / min(grid.cells))
         across, turn = distance * sine, angle / sine
         cone = np.stack([across * np.cos(turn), across * np.sin(turn), -distance * np.sqrt(1 - sine**2)])
         x, _, z = cone.mean((1, 2))

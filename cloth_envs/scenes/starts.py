@@ -1,18 +1,6 @@
-"""What scenes start from: patches that are held, and lines that are bowed at rest length."""
+"""What scenes start from: lines that are bowed at rest length."""
 
 import numpy as np
-
-from cloth_envs.grid import Grid
-
-
-def grip(grid: Grid, row: int, col: int, size: float = 0.05) -> tuple[int, ...]:
-    """Vertices of a square patch, ``size`` [m] along each side, in a corner.
-
-    Held by one vertex, a cloth would overstretch the edges there, the more the finer the grid.
-    """
-    rows, cols = np.indices(grid.shape)
-    down, along = (rows - row % grid.rows) * grid.row_spacing, (cols - col % grid.cols) * grid.col_spacing
-    return tuple(np.flatnonzero(np.maximum(np.abs(down), np.abs(along)) <= size * (1 + 1e-9)).tolist())
 
 
 def bow(cells: int, ratio: float) -> np.ndarray:

@@ -69,6 +69,7 @@ class Task(ABC):
         self.scene = scene
         self.keypoints = scene.grid.keypoints(*self.lattice).astype(np.int32)
         self.handles = np.array(scene.handles, dtype=np.int32)
+        self.leads = self.handles[scene.holding.lead]  # the vertex that each handle moves with
 
     def __repr__(self) -> str:
         return f"<Task {type(self).__name__} {self.scene.grid}, actions {', '.join(self.actions)}>"
@@ -96,9 +97,25 @@ class Task(ABC):
     def controls(self, episode: Episode) -> Controls:
         """Where driven things are at the end of the coming frame."""
 
+    def gripped(self, positions: np.ndarray) -> dict[str, np.ndarray]:
+        """What is remembered of cloths ``(B, 3, H, W)`` as they are gripped: each handle's way from its lead [m].
+
+        Nothing where every handle leads itself.
+        """
+        if (self.leads == self.handles).all():
+            return {}
+        flat = positions.reshape(len(positions), 3, -1).astype(np.float64)
+        return {"grips": (flat[:, :, self.handles] - flat[:, :, self.leads]).transpose(0, 2, 1).copy()}
+
     def hold(self, episode: Episode) -> Controls:
-        """Controls that bring every handle and body to rest where it is now; a scene changes what it drives."""
-        return Controls(*drives.hold(episode.state.positions, self.handles, episode.state.colliders))
+        """Controls that bring every handle and body to rest where it is now; a scene changes what it drives.
+
+        What a grip holds is where it would be if it had moved with the vertex that leads it alone.
+        """
+        controls = Controls(*drives.hold(episode.state.positions, self.leads, episode.state.colliders))
+        if "grips" in episode.memory:
+            controls.handle_positions += episode.memory["grips"]
+        return controls
 
     def carry(self, episode: Episode, position: np.ndarray, velocity: np.ndarray, share: np.ndarray) -> Controls:
         """Controls whose handles take ``share`` ``(N, n)`` of what the action moves, at rest otherwise.

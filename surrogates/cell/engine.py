@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from cloth_envs.material import Material
-from cloth_envs.physics.laws.step import hermite
+from cloth_envs.physics.laws.drives import hermite
 from cloth_envs.physics.particles.solver import Cell, ParticleSolver, net_of
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State

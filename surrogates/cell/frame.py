@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cloth_envs.physics.laws.step import hermite
+from cloth_envs.physics.laws.drives import handle_starts, hermite
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import Controls, State
 from surrogates.cell.sheet import TINY, Force, SheetCell, cut, place
@@ -100,7 +100,12 @@ def frame(
     lag = torch.where(sheets["drag"] > 0, -torch.expm1(-sheets["drag"] * h) / sheets["drag"].clamp_min(TINY), h)
     wind, pressure, index = tensor(controls.wind), tensor(controls.pressure), torch.tensor(held, device=x.device)
     ends = [tensor(a.transpose(0, 2, 1)) for a in (controls.handle_positions, controls.handle_velocities)]
-    handles = [*(a.flatten(2)[..., held] for a in (x, v)), *ends]
+    now = [a.flatten(2)[..., held].transpose(1, 2) for a in (x, v)]
+    starts: list[Tensor] = handle_starts(scene, *now, ends[0].transpose(1, 2))  # type: ignore[arg-type, assignment, call-arg]
+    handles = [*(a.transpose(1, 2) for a in starts), *ends]
+    firm = torch.as_tensor(scene.holding.firm, device=x.device)
+    soft = tensor(np.where(scene.holding.firm[:, None], 0.0, scene.holding.hold).T)
+    pull = h * h * soft * (sheets["stretch_stiffness"] / sheets["areal_density"])[..., 0]
     bodies, *rest = (tensor(a) for part in (start, controls) for a in (part.colliders, part.collider_velocities))
     cubic = [bodies, *rest]
     for k in range(1, substeps + 1):
@@ -117,6 +122,11 @@ def frame(
             x, v = (a.reshape(shape) for a in contact(body, *given, scene.thickness, h))
         bodies = moved
         if held:
-            driven = hermite(k / substeps, dt, *handles)  # type: ignore[arg-type]
-            x, v = (a.flatten(2).index_copy(2, index, b).reshape(shape) for a, b in zip((x, v), driven, strict=True))  # type: ignore[arg-type]
+            cubics: tuple[Tensor, Tensor] = hermite(k / substeps, dt, *handles)  # type: ignore[arg-type, assignment]
+            path, speed = cubics
+            e = pull / (1 + pull) * (path - x.flatten(2)[..., held])  # as laws.drives.put_handles
+            driven = [
+                torch.where(firm, a, b.flatten(2)[..., held] + c) for a, b, c in ((path, x, e), (speed, v, e / h))
+            ]
+            x, v = (a.flatten(2).index_copy(2, index, b).reshape(shape) for a, b in zip((x, v), driven, strict=True))
     return x, v

@@ -34,7 +34,7 @@ def coarse_grid(grid: Grid, factor: float, least: int = 2) -> Grid:
 def coarse_scene(scene: Scene, factor: float, material: Material, least: int = 2) -> tuple[Scene, Handles]:
     """``scene`` on ``coarse_grid`` with ``material``, and how its handles follow those of ``scene``."""
     grid = coarse_grid(scene.grid, factor, least)
-    handles = Handles.of(scene.grid, grid, scene.handles)
+    handles = Handles.of(scene.grid, grid, scene.handles, scene.grips)
     return replace(scene, grid=grid, handles=handles.vertices, material=material), handles
 
 

@@ -73,9 +73,10 @@ def fine_windows(cases: Sequence[Case], starts: Sequence[int], frames: int, cach
     own = load_task(fine.name).make_scene(resolution=scene.grid.shape, material=fine.material)
     if sorted(scene.handles) != sorted(own.handles):
         raise ValueError(f"{fine.name} has other handles on twice the mesh: its truth does not drive the same cloth")
-    still = np.zeros((len(windows.seeds), len(handles.follows), 3))
-    controls = [handles.controls(controls, still) for controls in windows.controls]
     truth = [on_grid(state, fine.grid, scene.grid) for state in windows.truth]
+    start = windows.truth[0].positions.reshape(len(windows.seeds), 3, -1)[:, :, list(fine.handles)].transpose(0, 2, 1)
+    offsets = handles.offsets(truth[0].positions, start)
+    controls = [handles.controls(controls, offsets) for controls in windows.controls]
     return replace(windows, scene=scene, controls=controls, truth=truth)
 
 

@@ -90,7 +90,7 @@ def accelerations(scene: Scene, state: State) -> np.ndarray:
     feel the new velocities of those before them, is no function of these: fitted to that, cells blow up.
     """
     net = net_of(scene)
-    free = replace(scene, frame_dt=net.sim_dt, handles=(), colliders=(), pressure=False)
+    free = replace(scene, frame_dt=net.sim_dt, handles=(), grips=(), colliders=(), pressure=False)
     after = bare_step(CellNet(free, mass_spring_cell(free), dtype="float64"), state)
     return ((after * np.exp(net.drag * net.sim_dt) - state.velocities) / net.sim_dt)[0].reshape(3, -1)
 

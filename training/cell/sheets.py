@@ -57,7 +57,7 @@ def accelerations(scene: Scene, state: State, controls: Controls, substeps: int)
     The step is taken without handles and bodies, so that driven vertices tell their forces as well.
     """
     h, drag = scene.frame_dt / substeps, scene.material.drag
-    solver = ExplicitSolver(replace(scene, frame_dt=h, handles=(), colliders=()), dtype="float64", substeps=1)
+    solver = ExplicitSolver(replace(scene, frame_dt=h, handles=(), grips=(), colliders=()), dtype="float64", substeps=1)
     after = bare_step(solver, state, wind=controls.wind, pressure=controls.pressure)
     kick = -np.expm1(-drag * h) / drag if drag else h
     total = (after - state.velocities * np.exp(-drag * h)) / kick

@@ -121,7 +121,7 @@ class Pairs:
 
 def small(scene: Scene, factor: int) -> Scene:
     """The scene on the coarse grid."""
-    return replace(scene, grid=coarse_grid(scene.grid, factor), handles=())
+    return replace(scene, grid=coarse_grid(scene.grid, factor), handles=(), grips=())
 
 
 def pairs(data: Windows, factor: int, most: int, seed: int = 0) -> Pairs:

@@ -59,15 +59,26 @@ def eigenvalues(grid: Grid, material: Material, h: float) -> np.ndarray:
     return material.areal_density * a * b / h**2 + stretch + shear + bend
 
 
-def capacitance(grid: Grid, values: np.ndarray, held: tuple[int, ...]) -> np.ndarray:
-    """Inverse ``(N, N)`` [N/m] of how the ``held`` vertices give way to forces on them, for eigenvalues ``values``."""
+def capacitance(
+    grid: Grid, values: np.ndarray, held: tuple[int, ...], stiffness: np.ndarray | None = None
+) -> np.ndarray:
+    """Inverse ``(3, N, N)`` [N/m] along each axis of how the ``held`` vertices give way, for eigenvalues ``values``.
+
+    ``stiffness`` ``(N, 3)`` [N/m] is that of the springs which hold soft ones, infinite for firm ones (all by default);
+    they give way by ``1 / stiffness`` themselves (Woodbury's identity), and one of 0 is not held.
+    """
+    stiffness = np.full((len(held), 3), np.inf) if stiffness is None else stiffness
     rows, cols = np.divmod(np.array(held, int), grid.cols)
     along, across = modes(grid.rows, False)[0][rows], modes(grid.cols, grid.periodic)[0][cols]
     give = np.zeros((len(held), len(held)))
     for mode, value in zip(along.T, values, strict=True):
         e = mode[:, None] * across / np.sqrt(value)
         give += e @ e.T
-    return np.linalg.inv(give)
+    inverse = np.zeros((3, len(held), len(held)))
+    for axis, k in enumerate(stiffness.T):
+        on = np.flatnonzero(k)
+        inverse[axis][np.ix_(on, on)] = np.linalg.inv(give[np.ix_(on, on)] + np.diag(1 / k[on]))
+    return inverse
 
 
 class AdmmSolver(Solver):
@@ -76,7 +87,8 @@ class AdmmSolver(Solver):
     A step minimises ``|x - x~|_M^2 / (2 h^2) + sum U_i(D_i x)``, ``x~ = x + h v + h^2 M^-1 f``, where ``f`` is
     gravity, air and pressure at the step's start. An iteration takes, for every spring, ``y = D x + u``,
     ``z = argmin U(z) + w^2 |z - y|^2 / 2``, ``u <- y - z``, and then solves
-    ``(M / h^2 + D^T W^2 D) x = M x~ / h^2 + D^T W^2 (z - u)`` with handles where the frame's cubic has them.
+    ``(M / h^2 + D^T W^2 D) x = M x~ / h^2 + D^T W^2 (z - u)`` with firm handles where the frame's cubic has them; the
+    springs of soft ones lie in the matrix.
 
     - The spring's ``z = (k L y^ + w^2 y) / (k + w^2)`` with ``w^2 = 0.2 k``. The start is ``z = D x_t``, ``u = 0``,
       and for x the prediction ``x~``. A dashpot ``c`` adds ``c (|d| - |d_t|)^2 / (2 h)``; bending lies in the matrix.
@@ -130,7 +142,7 @@ class AdmmSolver(Solver):
         made: dict[Material, Any] = {}
         for i, m in zip(which, materials, strict=True):
             if m not in made:
-                made[m] = self._kernel.system(kernel_material(m), *_matrix(scene.grid, m, h, scene.handles))
+                made[m] = self._kernel.system(kernel_material(m), *_matrix(scene, m, h))
             self._systems[i] = made[m]
 
     def step(self, old: State, new: State, controls: Controls) -> None:
@@ -138,7 +150,7 @@ class AdmmSolver(Solver):
 
 
 @lru_cache(maxsize=64)
-def _matrix(grid: Grid, material: Material, h: float, held: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _matrix(scene: Scene, material: Material, h: float) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues and capacitance of a global step."""
-    values = eigenvalues(grid, material, h)
-    return values, capacitance(grid, values, held)
+    values = eigenvalues(scene.grid, material, h)
+    return values, capacitance(scene.grid, values, scene.handles, scene.grip_stiffness(material))

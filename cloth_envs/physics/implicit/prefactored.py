@@ -9,6 +9,7 @@ from cloth_envs.extras import install
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.physics.laws.stencil import edges, quads, triples
+from cloth_envs.scene import Scene
 
 
 def _gram(grid: Grid, vertices: tuple[np.ndarray, ...], signs: list[float], weight: np.ndarray) -> sparse.csr_array:
@@ -78,7 +79,13 @@ class Prefactored:
 
 
 @lru_cache(maxsize=64)
-def implicit_system(grid: Grid, material: Material, h: float, held: tuple[int, ...]) -> Prefactored:
-    """``M / h^2 + K`` with ``K`` the springs at full stiffness plus bending [N/m]; one for all equal arguments."""
-    mass = sparse.diags_array(grid.areas.ravel() * material.areal_density / h**2)
-    return Prefactored(mass + spring_laplacian(grid, material) + bending_matrix(grid, material), held)
+def implicit_system(scene: Scene, material: Material, h: float) -> Prefactored:
+    """``M / h^2 + K`` with ``K`` the springs at full stiffness, grips' too, plus bending [N/m]; firm handles are held.
+
+    One for all equal arguments. A grip that holds along some axes only counts as if it did along all.
+    """
+    grid, handles, firm = scene.grid, np.array(scene.handles, int), scene.holding.firm
+    diagonal = grid.areas.ravel() * material.areal_density / h**2
+    diagonal[handles[~firm]] += scene.grip_stiffness(material)[~firm].max(1)
+    matrix = sparse.diags_array(diagonal) + spring_laplacian(grid, material) + bending_matrix(grid, material)
+    return Prefactored(matrix, tuple(handles[firm].tolist()))

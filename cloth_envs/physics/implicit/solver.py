@@ -9,6 +9,7 @@ import numpy as np
 from cloth_envs.arguments import as_number, one_of, whole_number
 from cloth_envs.material import Material
 from cloth_envs.physics.implicit.step import GAMMA, Drive, ImplicitStep
+from cloth_envs.physics.laws.drives import handle_starts
 from cloth_envs.physics.solver import Solver, check_condition, kernel_sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
@@ -92,11 +93,12 @@ class ImplicitSolver(Solver):
         shape, held = self.scene.grid.shape, list(self.scene.handles)
         for i in range(self.num_envs):
             x, v = (array[i].astype(np.float64).reshape(3, -1) for array in (old.positions, old.velocities))
-            ends = (controls.handle_positions[i].T, controls.handle_velocities[i].T)
+            ends = controls.handle_positions[i], controls.handle_velocities[i]
+            starts = handle_starts(self.scene, x[:, held].T, v[:, held].T, ends[0])
             bodies = (old.colliders, old.collider_velocities, controls.colliders, controls.collider_velocities)
             drive = Drive(
                 self.scene.frame_dt,
-                (x[:, held], v[:, held], *ends),
+                tuple(a.T for a in (*starts, *ends)),
                 tuple(array[i].astype(np.float64) for array in bodies),
                 controls.wind[i].astype(np.float64),
                 float(controls.pressure[i]) if self.scene.pressure else 0.0,

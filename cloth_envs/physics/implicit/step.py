@@ -8,7 +8,7 @@ import numpy as np
 from cloth_envs.material import Material
 from cloth_envs.physics.implicit.lbfgs import Secants, minimise
 from cloth_envs.physics.implicit.prefactored import implicit_system
-from cloth_envs.physics.laws.step import hermite
+from cloth_envs.physics.laws.drives import hermite
 from cloth_envs.physics.solver import kernel_material
 from cloth_envs.scene import GRAVITY, Scene
 
@@ -61,7 +61,9 @@ class ImplicitStep:
         self.enough, self.max_iterations = tolerance * GRAVITY, max_iterations
         self.mass = scene.grid.areas.ravel() * material.areal_density
         drag, self.material = material.drag, kernel_material(material)
-        self.h, self.held = scene.frame_dt / substeps, list(scene.handles)
+        self.h, self.firm = scene.frame_dt / substeps, scene.holding.firm
+        handles = np.array(scene.handles, np.int32)
+        self.held = handles[self.firm]
         self.tau = tau = GAMMA[scheme] * self.h
         if scheme == "euler":  # as the explicit solver: exact for a constant force
             self.decay = np.exp(-drag * tau)
@@ -69,9 +71,14 @@ class ImplicitStep:
         else:
             self.decay = self.push = 1 / (1 + drag * tau)
         self._scale = SHARE * (1 + material.damping / tau)
-        self._system = implicit_system(scene.grid, material, tau * np.sqrt(self.push * self._scale), scene.handles)
+        self._system = implicit_system(scene, material, tau * np.sqrt(self.push * self._scale))
         self._lift = scene.air is not None and scene.air.lift > 0
-        self._still = np.zeros((len(scene.handles), 3))
+        self._still = np.zeros((len(self.held), 3))
+        # The springs of soft handles: which of the 3 n coordinates they hold, how stiffly, which places they have.
+        stiffness = scene.grip_stiffness(material).T
+        axis, soft = np.nonzero(np.where(self.firm, 0.0, stiffness))
+        self._drawn = (axis * scene.grid.vertices + handles[soft]).astype(np.int32)
+        self._pull, self._soft = stiffness[axis, soft], (axis, soft)
         self.iterations, self.residual = 0, 0.0
 
     def solve(self, g: np.ndarray) -> np.ndarray:
@@ -90,7 +97,7 @@ class ImplicitStep:
                 x, v, _ = self._stage(drive, secants, x, x, v, v, x, bodies, bodies, s1)
             else:
                 x, v = self._sdirk2(x, v, drive, secants, s0, s1)
-            v[:, self.held] = drive.handles_at(s1)[1]
+            v[:, self.held] = drive.handles_at(s1)[1][:, self.firm]
         return x, v
 
     def _sdirk2(
@@ -105,7 +112,7 @@ class ImplicitStep:
         rest, held = self.h - self.tau, self.held
         middle = s0 + GAMMA["sdirk2"] * (s1 - s0)
         bodies0, bodies1 = drive.bodies_at(s0), drive.bodies_at(middle)
-        place, speed = drive.handles_at(middle)
+        place, speed = (a[:, self.firm] for a in drive.handles_at(middle))
         base = x.copy()
         base[:, held] = place - self.tau * speed  # so that dashpots feel the handles' own velocity
         slide = v
@@ -116,7 +123,7 @@ class ImplicitStep:
             slide = v1
         acceleration = ((x1 - x) / self.tau - v) / self.tau - reaction / self.mass
         base = x + rest * v1
-        place, speed = drive.handles_at(s1)
+        place, speed = (a[:, self.firm] for a in drive.handles_at(s1))
         base[:, held] = place - self.tau * speed
         carried = bodies0 + rest / self.tau * (bodies1 - bodies0)
         along, slide = x + self.h * v1, v + self.h * acceleration
@@ -146,7 +153,8 @@ class ImplicitStep:
         guess = base + self.tau * self.decay * velocity
         target = guess.copy()
         target[2] -= self.tau**2 * self.push * self.scene.gravity
-        guess[:, self.held] = drive.handles_at(end)[0]
+        places = drive.handles_at(end)[0]
+        guess[:, self.held] = places[:, self.firm]
         self.potential.begin(
             material=self.material,
             tau=self.tau,
@@ -158,6 +166,7 @@ class ImplicitStep:
             wind=drive.wind,
             pressure=drive.pressure,
         )
+        self.potential.draw(self._drawn, self._pull, places[self._soft])
         self.contact.begin(before.ravel(), base.ravel(), bodies_before, bodies_base, drive.bodies_at(end), self.tau)
         found = minimise(
             self.potential,

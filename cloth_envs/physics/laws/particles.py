@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cloth_envs.physics.laws.step import bodies_at, put_handles
+from cloth_envs.physics.laws.drives import bodies_at, put_handles
 from cloth_envs.physics.particles.solver import NEIGHBOURS, Cell, net_of, steps_a_frame
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
@@ -102,7 +102,7 @@ def step(
         for i, body in enumerate(scene.colliders):
             v = hit_ball(x, v, at[:, i, 0], speed[:, i, 0], body.radius, net.keep ** (1 / refine))
         now.positions, now.velocities = x + h * v, v
-        put_handles(scene, old, now, controls, (k + 1) / steps)
+        put_handles(scene, old, now, controls, (k + 1) / steps, np.zeros(old.batch), h)
     now.colliders, now.collider_velocities = controls.colliders.copy(), controls.collider_velocities.copy()
     now.wind, now.pressure = controls.wind.copy(), controls.pressure.copy()
     now.time = old.time + scene.frame_dt

@@ -1,16 +1,16 @@
-"""The plain NumPy twin of the explicit kernel: drives, all forces, and a frame of substeps; tests' oracle."""
+"""The plain NumPy twin of the explicit kernel: all forces, and a frame of substeps; tests' oracle."""
 
 import numpy as np
 
 from cloth_envs.physics.laws.air import air_forces, pressure_forces
 from cloth_envs.physics.laws.bodies import resolve_contact
+from cloth_envs.physics.laws.drives import bodies_at, put_handles
 from cloth_envs.physics.laws.sheet import (
     Forces,
     Materials,
     bend_forces,
     damped_spring_forces,
     damper_forces,
-    flat,
     gravity_forces,
     masses,
     spring_forces,
@@ -18,31 +18,6 @@ from cloth_envs.physics.laws.sheet import (
 )
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-
-
-def hermite(
-    s: float, frame: float, x0: np.ndarray, v0: np.ndarray, x1: np.ndarray, v1: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Position and velocity at ``s`` in [0, 1] of the cubic from ``x0, v0`` to ``x1, v1`` in ``frame`` [s]."""
-    x = (1 + 2 * s) * (1 - s) ** 2 * x0 + s * s * (3 - 2 * s) * x1
-    x = x + frame * s * (1 - s) * ((1 - s) * v0 - s * v1)
-    v = 6 * s * (1 - s) * (x1 - x0) / frame + (1 - s) * (1 - 3 * s) * v0 + s * (3 * s - 2) * v1
-    return x, v
-
-
-def bodies_at(scene: Scene, old: State, controls: Controls, s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Bodies and their velocities ``(B, C, 2, 3)`` at ``s`` in [0, 1] of the frame from ``old``."""
-    x1, v1 = controls.colliders, controls.collider_velocities
-    return hermite(s, scene.frame_dt, old.colliders, old.collider_velocities, x1, v1)
-
-
-def put_handles(scene: Scene, old: State, now: State, controls: Controls, s: float) -> None:
-    """Give the handles of ``now`` their place and velocity at ``s`` in [0, 1] of the frame from ``old``."""
-    held = list(scene.handles)
-    x0, v0 = (flat(field)[..., held].transpose(0, 2, 1) for field in (old.positions, old.velocities))
-    moved = hermite(s, scene.frame_dt, x0, v0, controls.handle_positions, controls.handle_velocities)
-    for array, value in zip((now.positions, now.velocities), moved, strict=True):
-        array.reshape(len(array), 3, -1)[..., held] = value.transpose(0, 2, 1)
 
 
 def total_forces(scene: Scene, materials: Materials, state: State, wind: np.ndarray, pressure: np.ndarray) -> Forces:
@@ -89,7 +64,7 @@ def step(
     ``v <- v D + (F + s G) / m h phi`` with ``F`` springs with their dashpots and weight, ``G`` bending and air, ``s`` the
     substeps that their impulse stands for (``impulse_share``), ``D = exp(-drag h)``, ``phi = (1 - D) / (drag h)``
     (exact for a constant force); half of it (h / 2) in a frame's first, and again at its end. Then ``x <- x + h v``,
-    contact with every body in turn; handles get the place and velocity of their cubic. The air sees velocities with half
+    contact with every body in turn; handles go, or are drawn, to their cubics (``put_handles``). The air sees velocities with half
     of what its impulse, as large as the last one, will change. Velocities at the end are those that contact leaves of
     them if they go on for half a substep.
     """
@@ -112,6 +87,7 @@ def _frame(
     decay = h * values(materials, "drag")[:, :, None, None]
     weight = gravity_forces(scene.grid, materials, now.positions, scene.gravity)
     kick, before = np.zeros_like(now.positions), 0.0  # the air's last impulse, and its share
+    stiffness = np.array([m.stretch_stiffness / m.areal_density for m in materials])
     bends = any(material.bend_stiffness > 0 for material in materials)
 
     def change(decay: np.ndarray) -> np.ndarray:
@@ -143,7 +119,7 @@ def _frame(
             trial.positions = now.positions + h / 2 * now.velocities
             resolve_contact(scene, trial, now.positions, now.colliders, bodies_at(scene, old, controls, s)[0], h / 2)
             now.velocities, s = trial.velocities, 1.0
-        put_handles(scene, old, now, controls, s)
+        put_handles(scene, old, now, controls, s, stiffness, h if substep < count else 0.0)
     now.collider_velocities = np.array(controls.collider_velocities, np.float64)
     now.wind, now.pressure = controls.wind.copy(), controls.pressure.copy()
     now.time = old.time + scene.frame_dt

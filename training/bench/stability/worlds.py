@@ -124,7 +124,9 @@ def _free(base: Base, level: float) -> Stage:
     """No force from outside: no handles, gravity, air or bodies, and smooth random velocities."""
     stage = episode(base, round(level))
     material = stage.scene.material.with_changes(drag=0.0)
-    scene = replace(stage.scene, material=material, handles=(), gravity=0.0, air=None, pressure=False, colliders=())
+    scene = replace(
+        stage.scene, material=material, handles=(), grips=(), gravity=0.0, air=None, pressure=False, colliders=(),
+    )  # fmt: skip
     v, u = np.meshgrid(*(np.linspace(0, np.pi, n) for n in scene.grid.shape), indexing="ij")
     rng, start = np.random.default_rng(base.seed), stage.start.copy()
     waves = np.array([np.cos(i * v) * np.cos(j * u) for i in range(3) for j in range(3)])

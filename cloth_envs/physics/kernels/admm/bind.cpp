@@ -33,11 +33,11 @@ void make_admm(Admm<T>* self, const Sheet& sheet, int substeps, int iterations, 
 
 template <class T>
 std::shared_ptr<System<T>> make_system(const Admm<T>& solver, const Material& material, In<double, 2> eigenvalues,
-                                       In<double, 2> capacitance) {
+                                       In<double, 3> capacitance) {
   const Sheet& s = solver.sheet();
   const std::size_t held = s.handles.size();
-  need(shaped(eigenvalues, {std::size_t(s.rows), std::size_t(s.cols)}) && shaped(capacitance, {held, held}),
-       "eigenvalues must be (H, W), the capacitance (N, N)");
+  need(shaped(eigenvalues, {std::size_t(s.rows), std::size_t(s.cols)}) && shaped(capacitance, {3, held, held}),
+       "eigenvalues must be (H, W), the capacitance (3, N, N)");
   return std::make_shared<System<T>>(solver.system(material, eigenvalues.data(), capacitance.data()));
 }
 

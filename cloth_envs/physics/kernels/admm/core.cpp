@@ -37,7 +37,7 @@ Admm<T>::Admm(Sheet sheet, int substeps, int iterations, double weight, const do
     held_row_of_.push_back(
         int(std::lower_bound(held_rows_.begin(), held_rows_.end(), v / geometry_.cols) - held_rows_.begin()));
   std::vector<bool> held(rows_.n * cols_.n);
-  for (int v : sheet_.handles) held[v] = true;
+  for (std::size_t i = 0; i < sheet_.handles.size(); ++i) held[sheet_.handles[i]] = std::isinf(sheet_.hold[3 * i]);
   for (int v = 0; v < int(held.size()); ++v)
     if (!held[v]) free_.push_back(geometry_.at(v));
   for (int r : held_rows_)
@@ -89,7 +89,7 @@ void Admm<T>::advance(const Frame<T>& f, const System<T>& system) const {
                             T(m.areal_density / (dt * dt))};
   const AirTerms<T> blow = air_terms(sheet_, f, dt / (2 * m.areal_density));
   const bool air = sheet_.air || sheet_.pressure;
-  auto handles = handles_of(sheet_, f, [&](int vertex) { return g.at(vertex); });
+  auto handles = handles_of(sheet_, f, m.stretch_stiffness / m.areal_density, [&](int vertex) { return g.at(vertex); });
   for (Handle& h : handles) h.moves = true;  // on its cubic even at rest, which turns -0 into 0
   MovingBodies<T> bodies(sheet_, f, dt);
 
@@ -119,6 +119,10 @@ void Admm<T>::advance(const Frame<T>& f, const System<T>& system) const {
       put_positions(handles, end, w.x);
       g.wrap(w.x);
       kernels.local(g, terms, area_.data(), w.goal, w.x, w.u, w.rest, w.tail, w.residual);
+      for (const Handle& h : handles)
+        for (int axis = 0; !h.firm() && axis < 3; ++axis)
+          w.residual[axis][h.at] +=
+              T(h.rate[axis] * m.areal_density * area_[h.at] * (h.position(axis, end) - w.x[axis][h.at]));
       w.contact.active.clear();
       if (!steps.empty()) push(steps, terms, w);
       correct(system, w, w.x);

@@ -24,8 +24,9 @@ struct Fold {
 template <class T>
 struct System {
   Material material;
-  Plane<T> inverse;      // 1 / eigenvalue, (modes of rows, modes of columns), rows of Admm::line_
-  Plane<T> capacitance;  // inverse of the held vertices' Green function, (p, padded p)
+  Plane<T> inverse;  // 1 / eigenvalue, (modes of rows, modes of columns), rows of Admm::line_
+  // Inverse of the held vertices' Green function with 1 / stiffness of soft ones added, (3 axes, p, padded p).
+  Plane<T> capacitance;
 };
 
 // What the local step needs: w^2 of springs, bending and twist (N/m, N m, N/m), 1 / (1 + weight), kg/m^2/s^2.
@@ -63,7 +64,7 @@ class Admm {
  public:
   // Bases: columns are the eigenvectors of the grid's Laplacians along rows' and columns' direction, even ones first.
   Admm(Sheet sheet, int substeps, int iterations, double weight, const double* row_basis, const double* col_basis);
-  // From eigenvalues (H, W) in the bases' order and the held vertices' inverse Green function (p, p).
+  // From eigenvalues (H, W) in the bases' order and the held vertices' inverse Green function (3, p, p).
   System<T> system(const Material& material, const double* eigenvalues, const double* capacitance) const;
   using Systems = std::vector<std::shared_ptr<const System<T>>>;  // of each member
   void advance(const std::vector<Frame<T>>& frames, const Systems& systems, int threads) const;
@@ -93,7 +94,7 @@ class Admm {
   std::vector<int> held_row_of_;
   Plane<T> held_basis_;    // (held rows, modes)
   Plane<T> area_;          // m^2, 0 in ghosts
-  std::vector<int> free_;  // places of the vertices that are not held
+  std::vector<int> free_;  // places of the vertices that are not held firmly
   const long id_;          // of this solver among all
 };
 

@@ -1,5 +1,6 @@
 // The global step of P-ADMM: products with the grid's modes, and what keeps the held vertices.
 #include <algorithm>
+#include <cmath>
 
 #include "work.hpp"
 
@@ -20,10 +21,10 @@ Fold<T>::Fold(int n_, const double* basis) : n(n_), even((n_ + 1) / 2), odd(n_ /
 template <class T>
 System<T> Admm<T>::system(const Material& material, const double* eigenvalues, const double* capacitance) const {
   const int p = int(sheet_.handles.size()), line = padded(p);
-  System<T> out{material, Plane<T>(std::size_t(rows_.n) * line_, T(0)), Plane<T>(std::size_t(p) * line, T(0))};
+  System<T> out{material, Plane<T>(std::size_t(rows_.n) * line_, T(0)), Plane<T>(std::size_t(3 * p) * line, T(0))};
   for (int k = 0; k < rows_.n; ++k)
     for (int l = 0; l < cols_.n; ++l) out.inverse[k * line_ + l] = T(1 / eigenvalues[k * cols_.n + l]);
-  for (int i = 0; i < p; ++i) std::copy_n(capacitance + i * p, p, out.capacitance.begin() + i * line);
+  for (int i = 0; i < 3 * p; ++i) std::copy_n(capacitance + i * p, p, out.capacitance.begin() + i * line);
   return out;
 }
 
@@ -42,7 +43,9 @@ void Admm<T>::hold(const System<T>& system, AdmmWork<T>& w) const {
       for (int l = 0; l < cols; ++l) sum += at[l] * basis[l];
       w.held[k * line + i] = sum;
     }
-  multiply(3, p, line, w.held.data(), line, 1, system.capacitance.data(), line, w.pull.data(), line);
+  for (int k = 0; k < 3; ++k)
+    multiply(1, p, line, w.held.data() + k * line, line, 1, system.capacitance.data() + k * p * line, line,
+             w.pull.data() + k * line, line);
   std::fill(w.held_lines.begin(), w.held_lines.end(), T(0));
   for (int i = 0; i < p; ++i)
     for (int k = 0; k < 3; ++k) {
@@ -65,8 +68,9 @@ void Admm<T>::correct(const System<T>& system, AdmmWork<T>& w, T* const (&out)[3
   const Geometry<T>& g = geometry_;
   const auto multiply = lanes<AdmmLanes<T>>().multiply;
   const int rows = rows_.n, cols = cols_.n, re = rows_.even, ro = rows_.odd, ce = cols_.even, co = cols_.odd;
-  for (int v : sheet_.handles)
-    for (T* plane : w.residual) plane[g.at(v)] = 0;
+  for (std::size_t i = 0; i < sheet_.handles.size(); ++i)
+    for (T* plane : w.residual)
+      if (std::isinf(sheet_.hold[3 * i])) plane[g.at(sheet_.handles[i])] = 0;
   // Columns to modes: sums and differences about the middle, then half the products.
   for (int r = 0; r < rows; ++r)
     for (int k = 0; k < 3; ++k) {
@@ -129,8 +133,9 @@ void Admm<T>::solve(const System<T>& system, const T* right, T* x) const {
   g.pad(right, w.residual);
   for (T* plane : w.x) std::fill_n(plane, g.size, T(0));
   correct(system, w, w.x);
-  for (int v : sheet_.handles)
-    for (T* plane : w.x) plane[g.at(v)] = 0;
+  for (std::size_t i = 0; i < sheet_.handles.size(); ++i)
+    for (T* plane : w.x)
+      if (std::isinf(sheet_.hold[3 * i])) plane[g.at(sheet_.handles[i])] = 0;
   g.unpad(w.x, x);
 }
 

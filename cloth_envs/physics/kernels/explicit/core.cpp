@@ -108,7 +108,7 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
       put_terms(last, l, material, sheet_.gravity, h / 2, h / 2), put_slow(slow, l, material, sheet_, frame, s.turned);
     }
     put_cloth(s, sheet_, frame, T(material.damping), lane, f);
-    handles.add(sheet_, frame, s, lane), bodies.add(sheet_, frame, lane, end);
+    handles.add(sheet_, frame, material, s, lane), bodies.add(sheet_, frame, lane, end);
     yields |= material.yields(), bends |= material.bend_stiffness > 0;
   }
 
@@ -128,7 +128,7 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     const std::vector<BodyLanes<T>>& now = bodies.to(k < count ? end : 1 + 0.5 / count);
     const Part part = k == count ? Part::kLast : now.empty() ? Part::kFree : Part::kBodies;
     kernels.step[yields][impulses][int(part)](s, f, k == count ? last : k ? full : half, now);
-    handles.put(f, full, width, end);
+    handles.hold(f, full, width, end, k < count ? h : 0);
   }
   for (std::size_t m = 0; m < members.size(); ++m) take_cloth(s, sheet_, f, int(m), frames[members[m]]);
 }

@@ -13,16 +13,24 @@ namespace minicloth {
 template <class T>
 class HeldVertices {
  public:
-  void add(const Sheet& sheet, const Frame<T>& frame, const Strips<T>& s, int member) {
-    for (const Handle& handle : handles_of(sheet, frame, [](int vertex) { return vertex; }))
+  void add(const Sheet& sheet, const Frame<T>& frame, const Material& m, const Strips<T>& s, int member) {
+    const auto same = [](int vertex) { return vertex; };
+    for (const Handle& handle : handles_of(sheet, frame, m.stretch_stiffness / m.areal_density, same))
       all_.push_back({s.at(handle.at, sheet.cols, member), handle});
   }
-  void put(const Fields<T>& f, const StepTerms<T>& terms, int width, double s) const {
+  // At s of the frame, the end of a step of dt, which is 0 for the half kick at the end: firm ones are put on their
+  // paths, soft ones drawn there.
+  void hold(const Fields<T>& f, const StepTerms<T>& terms, int width, double s, double dt) const {
     for (const Held& held : all_) {
       const T damping = terms.damping[held.at % width];
+      const Handle& h = held.handle;
       for (int k = 0; k < 3; ++k) {
         const std::ptrdiff_t at = held.at + k * width;
-        const T x = T(held.handle.position(k, s)), v = T(held.handle.velocity(k, s));
+        T x = T(h.position(k, s)), v = T(h.velocity(k, s));
+        if (!h.firm()) {
+          const T drawn = dt > 0 ? T(h.share(k, dt) * (h.position(k, s) - f.x[at])) : T(0);
+          x = f.x[at] + drawn, v = dt > 0 ? f.v[at] + T(drawn / dt) : f.v[at];
+        }
         f.x[at] = x, f.v[at] = v, f.y[at] = x + damping * v;
       }
     }

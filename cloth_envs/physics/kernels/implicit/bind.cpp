@@ -46,6 +46,17 @@ void bind_implicit(nb::module_& m) {
           nb::arg("target"), nb::arg("velocity"), nb::arg("wind"), nb::arg("pressure"),
           "Freeze what a stage holds fixed; the pressure's push is added to target.")
       .def(
+          "draw",
+          [](Potential& p, In<int, 1> which, In<double, 1> stiffness, In<double, 1> places) {
+            const std::size_t count = which.shape(0);
+            need(shaped(stiffness, {count}) && shaped(places, {count}), "stiffness and places must be (N,)");
+            for (std::size_t i = 0; i < count; ++i)
+              need(which.data()[i] >= 0 && which.data()[i] < 3 * p.vertices(), "there are 3 n coordinates");
+            p.draw(which.data(), stiffness.data(), places.data(), int(count));
+          },
+          nb::arg("which"), nb::arg("stiffness"), nb::arg("places"),
+          "Until the next begin, let springs [N/m] draw some of the 3 n coordinates to places [m].")
+      .def(
           "evaluate",
           [](Potential& p, Flat x, FlatOut gradient) {
             need_flat(p.vertices(), x, gradient);

@@ -16,7 +16,8 @@ Contact::Contact(const Sheet& sheet, double slack)
     : n_(sheet.rows * sheet.cols), slack_(slack), bodies_(sheet.bodies), x_start_(3 * n_), x_base_(3 * n_) {
   for (Body& body : bodies_) body.radius += sheet.thickness;
   load_.assign(n_, 0.0), hold_.assign(n_, kFree), body_.assign(n_, -1);
-  for (int i : sheet.handles) hold_[i] = kSticks;
+  for (std::size_t h = 0; h < sheet.handles.size(); ++h)
+    if (std::isinf(sheet.hold[3 * h])) hold_[sheet.handles[h]] = kSticks;
 }
 
 void Contact::begin(const double* start, const double* base, const double* bodies_start, const double* bodies_base,
@@ -128,7 +129,7 @@ double Contact::classify(const double* x, const double* g, const double* mass, d
   double most = 0;
   for (int i = 0; i < n_; ++i) {
     Point f = at(g, i);
-    if (body_[i] < 0 && hold_[i] != kFree) {  // a handle
+    if (body_[i] < 0 && hold_[i] != kFree) {  // a firm handle
       put(free_gradient, i, {0, 0, 0});
       continue;
     }

@@ -51,7 +51,7 @@ class Contact {
   std::vector<Ends> start_, base_, end_;
   std::vector<double> x_start_, x_base_, load_;
   std::vector<signed char> hold_;
-  std::vector<int> body_;  // -1 for handles and free vertices
+  std::vector<int> body_;  // -1 for firm handles and free vertices
 };
 
 }  // namespace minicloth

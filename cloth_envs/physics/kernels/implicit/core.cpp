@@ -42,6 +42,7 @@ void Potential::begin(const Stage& s) {
   const Material& m = s.material;
   const int n = vertices();
   pad(s.base, base_), pad(s.along, along_);
+  pulls_.clear();
   tau_ = s.tau;
   const double ratio = m.damping / s.tau;
   const auto each = [&](auto body) {
@@ -106,6 +107,10 @@ void Potential::begin(const Stage& s) {
   std::copy_n(s.target, 3 * n, target_.data());
 }
 
+void Potential::draw(const int* which, const double* stiffness, const double* places, int count) {
+  for (int i = 0; i < count; ++i) pulls_.push_back({which[i], stiffness[i], places[i]});
+}
+
 // Adds what fell on the ghost columns of a tube to the columns that they stand for.
 void Potential::fold() {
   const Geometry<double>& g = geometry_;
@@ -151,6 +156,11 @@ double Potential::evaluate(const double* x, double* gradient) {
         gradient[axis * n + v] = g_[axis * g.size + g.at(r, c)] + pull;
         inertia += pull * d;
       }
+  for (const Pull& p : pulls_) {
+    const double d = x[p.at] - p.place, pull = p.stiffness * d;
+    gradient[p.at] += pull;
+    inertia += pull * d;
+  }
   return energy + inertia / 2;
 }
 

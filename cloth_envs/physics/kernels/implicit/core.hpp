@@ -39,6 +39,8 @@ class Potential {
  public:
   explicit Potential(Sheet sheet);
   void begin(const Stage& stage);
+  // Until the next begin, springs of a stiffness [N/m] draw some of the 3 n coordinates to places.
+  void draw(const int* which, const double* stiffness, const double* places, int count);
   double evaluate(const double* x, double* gradient);  // (3, H, W); J, N
   int vertices() const { return geometry_.vertices(); }
 
@@ -64,6 +66,11 @@ class Potential {
   Plane<double> x_, g_, base_, along_, v_;  // 3 * size, padded as Geometry says
   Plane<double> air_;                       // 20 * size: what air_energy needs of the four facets of each cell
   std::vector<double> mass_, target_;
+  struct Pull {
+    int at;
+    double stiffness, place;
+  };
+  std::vector<Pull> pulls_;
   double tau_ = 1, wind_velocity_[3] = {};
 };
 

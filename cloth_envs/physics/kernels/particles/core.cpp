@@ -39,7 +39,7 @@ void advance(const Net<T>& net, const Frame<T>& f) {
     for (int k = 0; k < 3; ++k) next[k] = start + (6 + k) * n;
   spread<T>(waves, f.x, x), spread<T>(waves, f.v, v);
   const auto handles =
-      handles_of(sheet, f, [&](int vertex) { return waves.at(vertex / sheet.cols, vertex % sheet.cols); });
+      handles_of(sheet, f, 0.0, [&](int vertex) { return waves.at(vertex / sheet.cols, vertex % sheet.cols); });
   const std::vector<Cubic> paths = body_paths(sheet, f);
   std::vector<NetBall<T>> balls(sheet.bodies.size());
 

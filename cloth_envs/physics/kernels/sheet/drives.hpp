@@ -1,5 +1,6 @@
 // How handles and bodies move through a frame.
 #pragma once
+#include <cmath>
 #include <cstddef>
 #include <vector>
 
@@ -17,27 +18,36 @@ struct Cubic {
   bool operator==(const Cubic& o) const { return p0 == o.p0 && v0 == o.v0 && p1 == o.p1 && v1 == o.v1; }
 };
 
-// A driven vertex; one that is held still costs two stores a substep.
+// A driven vertex; one that is held still costs two stores a substep. A soft one is drawn to its path by a spring.
 struct Handle {
   int at;  // its place in planes
   bool moves;
   Cubic path[3];
   double frame_dt;
+  double rate[3];  // the spring's stiffness along an axis over the vertex's mass [1/s^2], infinite if it is firm
+  bool firm() const { return std::isinf(rate[0]); }
+  // Of the way to its path, what a soft one goes at the end of a step of dt: implicit in the spring, stable at any
+  // rate.
+  double share(int axis, double dt) const { return dt * dt * rate[axis] / (1 + dt * dt * rate[axis]); }
   double position(int axis, double s) const { return moves ? path[axis].position(s) : path[axis].p0; }
   double velocity(int axis, double s) const { return moves ? path[axis].velocity(s) / frame_dt : 0.0; }
 };
 
-// The handles, where place(vertex) says.
+// The handles, where place(vertex) says, of a cloth whose stretch stiffness over areal density is `stiffness`
+// [m^2/s^2]. A firm one's path starts where it is; a soft one's, where it would be had it moved with its lead alone.
 template <class T, class Place>
-std::vector<Handle> handles_of(const Sheet& sheet, const Frame<T>& f, const Place& place) {
+std::vector<Handle> handles_of(const Sheet& sheet, const Frame<T>& f, double stiffness, const Place& place) {
   const int n = sheet.rows * sheet.cols;
   std::vector<Handle> handles(sheet.handles.size());
   for (std::size_t h = 0; h < handles.size(); ++h) {
-    handles[h] = {place(sheet.handles[h]), false, {}, sheet.frame_dt};
+    const double* hold = sheet.hold.data() + 3 * h;
+    handles[h] = {place(sheet.handles[h]), false, {}, sheet.frame_dt, {}};
+    for (int k = 0; k < 3; ++k) handles[h].rate[k] = std::isinf(hold[k]) ? hold[k] : hold[k] * stiffness;
+    const std::size_t lead = handles[h].firm() ? h : sheet.lead[h];
     for (int k = 0; k < 3; ++k) {
-      const int i = k * n + sheet.handles[h];
-      const Cubic path = {f.x[i], f.v[i] * sheet.frame_dt, f.handle_x[3 * h + k],
-                          f.handle_v[3 * h + k] * sheet.frame_dt};
+      const int i = k * n + sheet.handles[lead];
+      const double end = f.handle_x[3 * h + k], offset = end - f.handle_x[3 * lead + k];
+      const Cubic path = {f.x[i] + offset, f.v[i] * sheet.frame_dt, end, f.handle_v[3 * h + k] * sheet.frame_dt};
       handles[h].path[k] = path;
       handles[h].moves |= path.p0 != path.p1 || path.v0 != 0 || path.v1 != 0;
     }
@@ -45,15 +55,16 @@ std::vector<Handle> handles_of(const Sheet& sheet, const Frame<T>& f, const Plac
   return handles;
 }
 
+// The firm ones alone.
 template <class T>
 void put_positions(const std::vector<Handle>& handles, double s, T* const (&x)[3]) {
   for (const Handle& h : handles)
-    for (int k = 0; k < 3; ++k) x[k][h.at] = T(h.position(k, s));
+    for (int k = 0; h.firm() && k < 3; ++k) x[k][h.at] = T(h.position(k, s));
 }
 template <class T>
 void put_velocities(const std::vector<Handle>& handles, double s, T* const (&v)[3]) {
   for (const Handle& h : handles)
-    for (int k = 0; k < 3; ++k) v[k][h.at] = T(h.velocity(k, s));
+    for (int k = 0; h.firm() && k < 3; ++k) v[k][h.at] = T(h.velocity(k, s));
 }
 
 // The paths of the bodies' two points, (C, 2, 3).
