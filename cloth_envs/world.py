@@ -193,7 +193,7 @@ class World:
         self.controls = self.task.controls(episode)
         episode.state = self.backend.advance(self.controls)
         self.frames += 1
-        episode.state.time[:] = self.frames * self.scene.frame_dt  # sums of many frames would drift
+        np.multiply(self.frames, self.scene.frame_dt, out=episode.state.time)  # sums of many frames would drift
         reasons = self.failures.check(before, episode.state)
         failed = [i for i, reason in enumerate(reasons) if reason]
         if failed:
