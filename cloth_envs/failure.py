@@ -3,7 +3,7 @@
 from _minicloth_kernels import inspect
 
 from cloth_envs.scene import Scene
-from cloth_envs.state import State
+from cloth_envs.state import Health, State
 
 MAX_STRAIN = 1.0  # an edge at twice its rest length
 MAX_ENERGY_JUMP = 200.0  # J/kg gained in one frame, 20 m/s on every vertex
@@ -23,9 +23,9 @@ class Failures:
         then = self._inspect(before)
         return [self._reason(a[0], a[1], a[2] - b[2]) for a, b in zip(now, then, strict=True)]
 
-    def _inspect(self, state: State) -> list[tuple[bool, float, float]]:
+    def _inspect(self, state: State) -> Health:
         g = self.grid
-        return inspect(state.positions, state.velocities, g.row_spacing, g.col_spacing, g.periodic)
+        return state.health or inspect(state.positions, state.velocities, g.row_spacing, g.col_spacing, g.periodic)
 
     def _reason(self, finite: bool, strain: float, gained: float) -> str | None:
         if not finite:
