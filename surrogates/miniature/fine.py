@@ -1,4 +1,4 @@
-"""Fine cloths out of coarse ones, compiled: upscaled, put where they are driven, outside all bodies, and looked over."""
+"""Fine cloths out of coarse ones, compiled: upscaled, put where they are driven, outside all bodies, checked."""
 
 from collections.abc import Sequence
 

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cloth_envs.material import Material
-from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, LazyState, State
 from surrogates.miniature.coarse import CoarsePhysics
 from surrogates.miniature.fine import Fine
@@ -30,9 +29,7 @@ class Upscaled:
         fine: what puts the fine cloth together, and what it found in the last frame that was read.
     """
 
-    def __init__(
-        self, coarse: CoarsePhysics, upscaling: Upscaler, *, guard: bool = False, threads: int = 1
-    ) -> None:
+    def __init__(self, coarse: CoarsePhysics, upscaling: Upscaler, *, guard: bool = False, threads: int = 1) -> None:
         self.scene, self.coarse, self.upscaling = coarse.fine, coarse, upscaling
         self.fine = Fine(self.scene, coarse.handles, upscaling, guard=guard, threads=threads)
         self._state: State | None = None

@@ -43,7 +43,7 @@ def is_compiled(method: Callable[..., Any]) -> bool:
 
 
 class Recipe(NamedTuple):
-    """What makes fine positions of coarse ones: a network with biases ``(B, n)``, then interpolation; None is neither."""
+    """From coarse to fine positions: a network with biases ``(B, n)``, then interpolation; None where there is none."""
 
     net: PatchNet | None
     bias: np.ndarray

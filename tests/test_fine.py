@@ -1,0 +1,71 @@
+"""The compiled fine cloth is what the upscaler's own methods say, on any number of threads, and its health is found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from _minicloth_kernels import inspect
+from gymnasium.utils.seeding import np_random
+
+from cloth_envs.state import State
+from cloth_envs.world import World
+from surrogates.upscale.local import Local
+from surrogates.upscale.protocol import Interpolation
+
+BATCH, FRAMES = 3, 12
+
+
+class Called(Local):
+    """The network by its methods."""
+
+    def positions(self, history: Sequence[State]) -> np.ndarray:
+        return super().positions(history)
+
+    def velocities(self, history: Sequence[State]) -> np.ndarray:
+        return super().velocities(history)
+
+
+class Squared(Interpolation):
+    """Biquadratic interpolation by its methods."""
+
+    def __init__(self, *scenes: object) -> None:
+        super().__init__(*scenes, kind="quadratic")  # type: ignore[arg-type]
+
+    def positions(self, history: Sequence[State]) -> np.ndarray:
+        return super().positions(history)
+
+    def velocities(self, history: Sequence[State]) -> np.ndarray:
+        return super().velocities(history)
+
+
+def run(scene: str, **options: object) -> World:
+    """A batch after some frames of full actions."""
+    world = World(scene, num_envs=BATCH, backend="miniature", backend_kwargs={"factor": 4, **options})
+    world.reset({i: np_random(i)[0] for i in range(BATCH)})
+    for _ in range(FRAMES):
+        world.step(np.ones((BATCH, len(world.task.actions))))
+    return world
+
+
+@pytest.mark.parametrize("scene", ["Curtain", "BallDrop"])
+@pytest.mark.parametrize(("name", "called"), [("local", "Called"), ("biquadratic", "Squared")])
+def test_the_compiled_cloth_is_what_the_methods_say(scene: str, name: str, called: str) -> None:
+    found, expected = (run(scene, upscaler=up, scaling="closure") for up in (name, f"{__name__}:{called}"))
+    np.testing.assert_array_equal(found.state.positions, expected.state.positions)
+    np.testing.assert_array_equal(found.state.velocities, expected.state.velocities)
+
+
+def test_threads_do_not_change_it() -> None:
+    one, more = run("BallDrop"), run("BallDrop", threads=2)
+    np.testing.assert_array_equal(one.state.positions, more.state.positions)
+    np.testing.assert_array_equal(one.state.velocities, more.state.velocities)
+
+
+def test_its_health_is_that_of_the_cloth() -> None:
+    world = run("Collision")
+    state, grid = world.state, world.scene.grid
+    assert state.health == inspect(state.positions, state.velocities, grid.row_spacing, grid.col_spacing, grid.periodic)
+    assert state.copy().health is None  # whoever changes a copy changes what is found
+    assert world.failures.check(state, state) == [None] * BATCH
