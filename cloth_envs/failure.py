@@ -18,7 +18,10 @@ class Failures:
     def check(self, before: State, after: State) -> list[str | None]:
         """The reason for each member of the batch, or None."""
         now = self._inspect(after)
-        if all(finite and strain <= self.max_strain and kinetic <= MAX_ENERGY_JUMP for finite, strain, kinetic in now):
+        for finite, strain, kinetic in now:
+            if not (finite and strain <= self.max_strain and kinetic <= MAX_ENERGY_JUMP):
+                break
+        else:
             return [None] * len(now)
         then = self._inspect(before)
         return [self._reason(a[0], a[1], a[2] - b[2]) for a, b in zip(now, then, strict=True)]

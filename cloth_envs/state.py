@@ -124,26 +124,24 @@ class LazyState(State):
         read = "not read so far" if self._cloth is None else "read"
         return f"<LazyState of {self.batch}, {read}, time {_span(self.time)} s>"
 
-    @property
     def _read(self) -> Cloth:
-        if self._cloth is None:
-            self._cloth = self._compute()
+        self._cloth = self._compute()
         return self._cloth
 
     @property
     def positions(self) -> np.ndarray:  # type: ignore[override]
         """``(B, 3, H, W)`` [m]."""
-        return self._read.positions
+        return (self._cloth or self._read()).positions
 
     @property
     def velocities(self) -> np.ndarray:  # type: ignore[override]
         """``(B, 3, H, W)`` [m/s]."""
-        return self._read.velocities
+        return (self._cloth or self._read()).velocities
 
     @property
     def health(self) -> Health | None:  # type: ignore[override]
         """What was found when the cloth was computed, if somebody looked."""
-        return self._read.health
+        return (self._cloth or self._read()).health
 
     def read_only(self) -> State:
         known = {n: _locked(getattr(self, n)) for n in ("colliders", "collider_velocities", "wind", "pressure", "time")}

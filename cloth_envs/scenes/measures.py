@@ -62,9 +62,8 @@ def columns(*parts: np.ndarray) -> np.ndarray:
 
 @compiled  # 11 us
 def gather(
-    positions: np.ndarray, velocities: np.ndarray, vertices: np.ndarray, bound: np.ndarray, out: np.ndarray, /
-) -> None:
-    """Positions, then velocities of some vertices to the front of each row of ``out``; the whole row is clipped."""
-    fields = [points(field, vertices).reshape(len(out), -1) for field in (positions, velocities)]
-    out[:, : 6 * len(vertices)] = np.concatenate(fields, 1)
-    np.clip(out, -bound, bound, out=out)
+    positions: np.ndarray, velocities: np.ndarray, vertices: np.ndarray, extras: np.ndarray, bound: np.ndarray, /
+) -> np.ndarray:
+    """Positions, then velocities of some vertices, then ``extras`` ``(B, K)``; clipped, ``(B, 6 N + K)`` float32."""
+    fields = [points(field, vertices).reshape(len(extras), -1) for field in (positions, velocities)]
+    return np.clip(np.concatenate([*fields, extras], 1).astype(np.float32), -bound, bound)

@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <initializer_list>
 #include <stdexcept>
 #include <string>
@@ -19,9 +20,10 @@
 namespace minicloth {
 
 template <class T>
-constexpr int kNumber = std::is_same_v<T, float>    ? NPY_FLOAT
-                        : std::is_same_v<T, double> ? NPY_DOUBLE
-                                                    : NPY_INT;
+constexpr int kNumber = std::is_same_v<T, float>          ? NPY_FLOAT
+                        : std::is_same_v<T, double>       ? NPY_DOUBLE
+                        : std::is_same_v<T, std::int64_t> ? NPY_INT64
+                                                          : NPY_INT;
 
 // An array of somebody else, who keeps it alive meanwhile.
 template <class T, int kDims, bool kContiguous = true>
