@@ -71,8 +71,9 @@ nb::tuple follow(In<double, 3> positions, In<double, 3> velocities, In<int, 1> f
 
 void place(float* field, std::size_t n, const double* driven, const int* held, std::size_t count, const Pulled& pulled,
            double rounding) {
-  thread_local std::vector<float> missing;
-  missing.resize(count);
+  thread_local std::vector<float> memory;
+  memory.resize(count);
+  float* const missing = memory.data();
   for (std::size_t k = 0; k < 3; ++k, field += n) {
     bool off = false;
     for (std::size_t i = 0; i < count; ++i) {

@@ -123,12 +123,14 @@ class Fine {
   void without_held(float* field, const Work& work) const {
     constexpr float nowhere = std::numeric_limits<float>::quiet_NaN();
     const std::size_t count = held_.size(), n = std::size_t(sheet_.rows) * sheet_.cols;
-    thread_local std::vector<float> kept;
-    kept.resize(3 * count);
-    for (std::size_t i = 0; i < 3 * count; ++i)
-      kept[i] = std::exchange(field[i / count * n + held_[i % count]], nowhere);
+    thread_local std::vector<float> memory;
+    memory.resize(3 * count);
+    float* const kept = memory.data();
+    for (std::size_t k = 0; k < 3; ++k)
+      for (std::size_t i = 0; i < count; ++i) kept[k * count + i] = std::exchange(field[k * n + held_[i]], nowhere);
     work();
-    for (std::size_t i = 0; i < 3 * count; ++i) field[i / count * n + held_[i % count]] = kept[i];
+    for (std::size_t k = 0; k < 3; ++k)
+      for (std::size_t i = 0; i < count; ++i) field[k * n + held_[i]] = kept[k * count + i];
   }
 
   // Bodies act one after the other, twice where there are several.
