@@ -69,3 +69,17 @@ def test_its_health_is_that_of_the_cloth() -> None:
     assert state.health == inspect(state.positions, state.velocities, grid.row_spacing, grid.col_spacing, grid.periodic)
     assert state.copy().health is None  # whoever changes a copy changes what is found
     assert world.failures.check(state, state) == [None] * BATCH
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_a_solver_prepares_the_next_state_in_its_own_type(dtype: str) -> None:
+    """From controls of any type."""
+    world = World("Collision", backend_kwargs={"dtype": dtype})
+    world.reset({0: np_random(0)[0]})
+    controls = world.task.controls(world.episode)
+    controls.colliders = controls.colliders.astype(np.float32)
+    after = world.backend.advance(controls)
+    assert {a.dtype for a in (after.positions, after.velocities, after.colliders, after.collider_velocities)} == {dtype}
+    np.testing.assert_array_equal(after.colliders, controls.colliders)
+    np.testing.assert_array_equal(after.collider_velocities, controls.collider_velocities.astype(dtype))
+    assert after.time == world.scene.frame_dt

@@ -61,6 +61,24 @@ void bind_state_of(nb::module_& m) {
       },
       "Per cloth: all finite, largest structural strain, kinetic energy per mass [J/kg].");
   m.def(
+      "next_frame",
+      [](In<T, 4> x, In<double, 1> time, In<double, 4> bodies, In<double, 4> moving, double dt) {
+        const std::size_t batch = x.shape(0);
+        need(time.shape(0) == batch, "times must be (B,)");
+        const auto blank = [&] { return empty<T>({batch, x.shape(1), x.shape(2), x.shape(3)}); };
+        const auto rounded = [](const In<double, 4>& from) {
+          const Fresh<T> to = empty<T>({from.shape(0), from.shape(1), from.shape(2), from.shape(3)});
+          std::copy_n(from.data(), from.size(), to.data());
+          return to;
+        };
+        const Array later = empty({batch});
+        for (std::size_t b = 0; b < batch; ++b) later.data()[b] = time.data()[b] + dt;
+        return nb::make_tuple(blank(), blank(), rounded(bodies), rounded(moving), later);
+      },
+      nb::arg("positions").noconvert(), nb::arg("time"), nb::arg("colliders"), nb::arg("collider_velocities"),
+      nb::arg("dt"),
+      "Positions and velocities to fill, bodies and their velocities as controls have them, the time a frame later.");
+  m.def(
       "gather",
       [](In<T, 4> x, In<T, 4> v, In<int, 1> vertices, In<float, 2> extras, In<float, 1> bound) {
         const std::size_t batch = x.shape(0), n = x.shape(2) * x.shape(3), count = vertices.shape(0);
