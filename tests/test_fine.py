@@ -79,7 +79,9 @@ def test_a_solver_prepares_the_next_state_in_its_own_type(dtype: str) -> None:
     controls = world.task.controls(world.episode)
     controls.colliders = controls.colliders.astype(np.float32)
     after = world.backend.advance(controls)
-    assert {a.dtype for a in (after.positions, after.velocities, after.colliders, after.collider_velocities)} == {dtype}
+    assert {a.dtype.name for a in (after.positions, after.velocities, after.colliders, after.collider_velocities)} == {
+        dtype
+    }
     np.testing.assert_array_equal(after.colliders, controls.colliders)
     np.testing.assert_array_equal(after.collider_velocities, controls.collider_velocities.astype(dtype))
     assert after.time == world.scene.frame_dt
