@@ -7,7 +7,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Collider, Scene
-from cloth_envs.scenes.drives import Drive
+from cloth_envs.scenes.drives import Drive, push
 from cloth_envs.scenes.measures import columns, largest_stretch, tolerance
 from cloth_envs.scenes.starts import bow, grip
 from cloth_envs.scenes.task import Episode, Start, Task, documented
@@ -101,8 +101,7 @@ class Collision(Task):
         state = episode.state
         moved, speed = self.drive(state.colliders[:, 0, 0], state.collider_velocities[:, 0, 0], episode.action)
         controls = self.hold(episode)
-        controls.colliders += moved[:, None, None]
-        controls.collider_velocities += speed[:, None, None]
+        push(controls.colliders, controls.collider_velocities, moved, speed)
         return controls
 
     def observe(self, episode: Episode) -> np.ndarray:
