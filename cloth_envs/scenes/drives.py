@@ -18,7 +18,7 @@ def clip_actions(actions: np.ndarray, /) -> np.ndarray | None:
     return np.clip(actions, -1.0, 1.0) if np.isfinite(actions).all() else None
 
 
-@compiled  # 2 us
+@compiled  # 4 us
 def tick(frames: np.ndarray, dt: float, time: np.ndarray, /) -> None:
     """Count one frame more, and write the ``time`` [s] at which it ends: sums of many ``dt`` would drift; ``(B,)``."""
     frames += 1
@@ -64,7 +64,7 @@ def carry(
     velocities[:, :, :n] += reached[:, None] * share
 
 
-@compiled  # 4 us
+@compiled  # 6 us
 def push(bodies: np.ndarray, velocities: np.ndarray, moved: np.ndarray, reached: np.ndarray, /) -> None:
     """Move the first body of ``(B, C, 2, 3)`` in place by how far and fast it is driven along its axes, ``(B, n)``."""
     n = moved.shape[1]

@@ -24,7 +24,7 @@ def ramp(value: np.ndarray, full: float, /) -> np.ndarray:
     return np.minimum(np.maximum(np.asarray(value, np.float64) / full, 0.0), 1.0)
 
 
-@compiled  # 4 us
+@compiled  # 3 us
 def along(vector: np.ndarray, direction: np.ndarray, /) -> np.ndarray:
     """The part of vectors ``(B, 3)`` along a level ``direction`` ``(B, 2)`` of length 1, ``(B,)``."""
     return vector[:, 0] * direction[:, 0] + vector[:, 1] * direction[:, 1]
