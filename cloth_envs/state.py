@@ -21,7 +21,7 @@ class State:
         wind: ``(B, 3)`` [m/s], the wind of the last frame.
         pressure: ``(B,)`` [Pa], the pressure of the last frame.
         time: ``(B,)`` [s].
-        health: what whoever computed the cloth found of it, if he looked.
+        health: what was found of the cloth when it was computed, if somebody looked.
     """
 
     health: ClassVar[Health | None] = None
