@@ -6,9 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from _minicloth_kernels import inspect
+from _minicloth_kernels import Fine, inspect
 from gymnasium.utils.seeding import np_random
 
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+from cloth_envs.physics.solver import kernel_sheet
+from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from cloth_envs.world import World
 from surrogates.upscale.local import Local
@@ -85,3 +89,18 @@ def test_a_solver_prepares_the_next_state_in_its_own_type(dtype: str) -> None:
     np.testing.assert_array_equal(after.colliders, controls.colliders)
     np.testing.assert_array_equal(after.collider_velocities, controls.collider_velocities.astype(dtype))
     assert after.time == world.scene.frame_dt
+
+
+def test_only_firm_handles_are_put_where_they_are_driven() -> None:
+    """The last of three, by the last row of what is driven."""
+    scene = Scene("sheet", Grid(5, 5, 1.0, 1.0), Material(), 0.01, handles=(0, 4, 20))
+    nobody, driven = np.zeros(0, np.int32), np.arange(18.0).reshape(2, 1, 3, 3)
+    kernel = Fine(kernel_sheet(scene), np.array([2], np.int32), nobody, nobody, nobody.astype(np.float32), 1e-5, 1e-5)
+    coarse, (x, v) = np.zeros((1, 3, 3, 3), np.float32), np.zeros((2, 1, 3, 5, 5), np.float32)
+    bodies, told = np.zeros((1, 0, 2, 3), np.float32), [np.zeros(1, t) for t in (np.int32, np.float32, np.int32)]
+    bias = np.zeros((0, 0), np.float32)
+    kernel.fill(coarse, coarse, None, bias, None, None, None, 0.5, *driven, bodies, bodies, x, v, *told, 1)
+    for field, rows in zip((x, v), driven, strict=True):
+        expected = np.zeros((3, 25))
+        expected[:, 20] = rows[0, 2]
+        np.testing.assert_array_equal(field.reshape(3, 25), expected)

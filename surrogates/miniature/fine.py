@@ -37,9 +37,9 @@ class Fine:
         self, scene: Scene, handles: Handles, upscaling: Upscaler, *, guard: bool = False, threads: int = 1
     ) -> None:
         self._shape, self._upscaling, self._threads = scene.grid.shape, upscaling, threads
-        held = np.array(scene.handles, np.int32)
+        firm = np.arange(len(scene.handles), dtype=np.int32)  # numbers of those that are put in place
         self._kernel = Kernel(
-            kernel_sheet(scene), held, handles.near, handles.guides, handles.pull, rounding=ROUNDING, reach=REACH
+            kernel_sheet(scene), firm, handles.near, handles.guides, handles.pull, rounding=ROUNDING, reach=REACH
         )
         self._cubic = upscaling.bicubic.kernel if guard else None
         self.begin(0)

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "../base/arrays.hpp"
 #include "../base/geometry.hpp"
@@ -44,9 +45,12 @@ void place_all(Out<float, 4> field, In<double, 3> driven, In<int, 1> handles, In
   const std::size_t batch = field.shape(0), n = field.shape(2) * field.shape(3), count = handles.shape(0);
   need(field.shape(1) == 3 && shaped(driven, {batch, count, 3}), "field must be (B, 3, H, W), driven (B, N, 3)");
   need(guides.shape(0) == near.shape(0) && pull.shape(0) == near.shape(0), "as many guides and pulls as near");
+  std::vector<int> all(count);
+  std::iota(all.begin(), all.end(), 0);
   const Pulled pulled = {near.data(), guides.data(), pull.data(), near.shape(0)};
   for (std::size_t b = 0; b < batch; ++b)
-    place(field.data() + 3 * b * n, n, driven.data() + 3 * b * count, handles.data(), count, pulled, rounding);
+    place(field.data() + 3 * b * n, n, driven.data() + 3 * b * count, all.data(), handles.data(), count, pulled,
+          rounding);
 }
 
 // Positions (B, M, 3) of coarse handles at their offsets from the fine ones (B, N, 3) that they follow, and velocities.
@@ -69,15 +73,15 @@ nb::tuple follow(In<double, 3> positions, In<double, 3> velocities, In<int, 1> f
 
 }  // namespace
 
-void place(float* field, std::size_t n, const double* driven, const int* held, std::size_t count, const Pulled& pulled,
-           double rounding) {
+void place(float* field, std::size_t n, const double* driven, const int* numbers, const int* held, std::size_t count,
+           const Pulled& pulled, double rounding) {
   thread_local std::vector<float> memory;
   memory.resize(count);
   float* const missing = memory.data();
   for (std::size_t k = 0; k < 3; ++k, field += n) {
     bool off = false;
     for (std::size_t i = 0; i < count; ++i) {
-      const float there = float(driven[3 * i + k]);
+      const float there = float(driven[3 * numbers[i] + k]);
       float& here = field[held[i]];
       missing[i] = there - here;
       off |= std::abs(missing[i]) > rounding;

@@ -39,9 +39,9 @@ struct Pulled {
   std::size_t count;
 };
 
-// Puts the vertices `held` of (3, n) to driven (count, 3). Where one is off by more than `rounding`, those near it
-// follow.
-void place(float* field, std::size_t n, const double* driven, const int* held, std::size_t count, const Pulled& pulled,
-           double rounding);
+// Puts the vertices `held` of (3, n) to the rows `numbers` of driven (N, 3). Where one is off by more than `rounding`,
+// those near it follow.
+void place(float* field, std::size_t n, const double* driven, const int* numbers, const int* held, std::size_t count,
+           const Pulled& pulled, double rounding);
 
 }  // namespace minicloth

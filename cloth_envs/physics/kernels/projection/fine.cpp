@@ -29,10 +29,10 @@ using Health = std::tuple<bool, double, double>;
 
 class Fine {
  public:
-  Fine(Sheet sheet, In<int, 1> held, In<int, 1> near, In<int, 1> guides, In<float, 1> pull, double rounding,
+  Fine(Sheet sheet, In<int, 1> firm, In<int, 1> near, In<int, 1> guides, In<float, 1> pull, double rounding,
        double reach)
       : sheet_(std::move(sheet)),
-        held_(held.data(), held.data() + held.size()),
+        firm_(firm.data(), firm.data() + firm.size()),
         near_(near.data(), near.data() + near.size()),
         guides_(guides.data(), guides.data() + guides.size()),
         pull_(pull.data(), pull.data() + pull.size()),
@@ -40,7 +40,8 @@ class Fine {
         reach_(float(reach)) {
     need(guides_.size() == near_.size() && pull_.size() == near_.size(), "as many guides and pulls as near");
     const int n = sheet_.rows * sheet_.cols;
-    for (int i : held_) need(i >= 0 && i < n, "a held vertex is not one of the grid");
+    for (int i : firm_) need(i >= 0 && i < int(sheet_.handles.size()), "no such handle");
+    for (int i : firm_) held_.push_back(sheet_.handles[i]);
     for (int i : near_) need(i >= 0 && i < n, "a near vertex is not one of the grid");
     for (int i : guides_) need(i >= 0 && i < int(held_.size()), "no such guide");
   }
@@ -51,7 +52,7 @@ class Fine {
                            const Grids* speeds, const Grids* cubic, double guard, In<double, 3> driven_x,
                            In<double, 3> driven_v, Fields ends, Fields velocities, Out<float, 4> x, Out<float, 4> v,
                            Out<int, 1> pushed, Out<float, 1> depth, Out<int, 1> guarded, int threads) const {
-    const std::size_t batch = x.shape(0), rows = sheet_.rows, cols = sheet_.cols, held = held_.size();
+    const std::size_t batch = x.shape(0), rows = sheet_.rows, cols = sheet_.cols, held = sheet_.handles.size();
     const std::size_t h = coarse_x.shape(2), w = coarse_x.shape(3), n = 3 * rows * cols, few = 3 * h * w;
     const std::initializer_list<std::size_t> cloth = {batch, 3, rows, cols}, driven = {batch, held, 3},
                                              bodies = {batch, sheet_.bodies.size(), 2, 3};
@@ -100,7 +101,8 @@ class Fine {
  private:
   void put(float* field, const double* driven) const {
     const Pulled pulled = {near_.data(), guides_.data(), pull_.data(), near_.size()};
-    place(field, std::size_t(sheet_.rows) * sheet_.cols, driven, held_.data(), held_.size(), pulled, rounding_);
+    place(field, std::size_t(sheet_.rows) * sheet_.cols, driven, firm_.data(), held_.data(), held_.size(), pulled,
+          rounding_);
   }
 
   Check check(const float* x, const float* v) const {
@@ -152,7 +154,7 @@ class Fine {
   }
 
   Sheet sheet_;
-  std::vector<int> held_, near_, guides_;
+  std::vector<int> firm_, held_, near_, guides_;  // firm_ are the numbers of the handles held_
   std::vector<float> pull_;
   double rounding_;
   float reach_;
@@ -163,7 +165,7 @@ class Fine {
 void bind_fine(nb::module_& m) {
   nb::class_<Fine>(m, "Fine", "Makes fine cloths out of coarse ones: upscaled, driven, outside all bodies.")
       .def(nb::init<Sheet, In<int, 1>, In<int, 1>, In<int, 1>, In<float, 1>, double, double>(), nb::arg("sheet"),
-           nb::arg("held"), nb::arg("near"), nb::arg("guides"), nb::arg("pull"), nb::arg("rounding"), nb::arg("reach"))
+           nb::arg("firm"), nb::arg("near"), nb::arg("guides"), nb::arg("pull"), nb::arg("rounding"), nb::arg("reach"))
       .def("fill", &Fine::fill, nb::arg("coarse_x"), nb::arg("coarse_v"), nb::arg("net").none(), nb::arg("bias"),
            nb::arg("grids").none(), nb::arg("speeds").none(), nb::arg("cubic").none(), nb::arg("guard"),
            nb::arg("driven_x"), nb::arg("driven_v"), nb::arg("ends"), nb::arg("velocities"), nb::arg("x"), nb::arg("v"),
