@@ -121,8 +121,8 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         return self._observation(), {}
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        chosen = read_actions(action, self.world.action_space.shape, self.task.actions)
-        rewards, reasons = self.world.step(chosen[None])
+        chosen = read_actions(action, self.world.action_space.shape, self.world.task.actions)
+        rewards, reasons = self.world.advance(chosen[None])
         info = {} if reasons[0] is None else {"failure": reasons[0]}
         return self._observation(), float(rewards[0]), reasons[0] is not None, False, info
 

@@ -3,7 +3,7 @@
 from _minicloth_kernels import inspect
 
 from cloth_envs.scene import Scene
-from cloth_envs.state import State
+from cloth_envs.state import Health, State
 
 MAX_STRAIN = 1.0  # an edge at twice its rest length
 MAX_ENERGY_JUMP = 200.0  # J/kg gained in one frame, 20 m/s on every vertex
@@ -18,14 +18,17 @@ class Failures:
     def check(self, before: State, after: State) -> list[str | None]:
         """The reason for each member of the batch, or None."""
         now = self._inspect(after)
-        if all(finite and strain <= self.max_strain and kinetic <= MAX_ENERGY_JUMP for finite, strain, kinetic in now):
+        for finite, strain, kinetic in now:
+            if not (finite and strain <= self.max_strain and kinetic <= MAX_ENERGY_JUMP):
+                break
+        else:
             return [None] * len(now)
         then = self._inspect(before)
         return [self._reason(a[0], a[1], a[2] - b[2]) for a, b in zip(now, then, strict=True)]
 
-    def _inspect(self, state: State) -> list[tuple[bool, float, float]]:
+    def _inspect(self, state: State) -> Health:
         g = self.grid
-        return inspect(state.positions, state.velocities, g.row_spacing, g.col_spacing, g.periodic)
+        return state.health or inspect(state.positions, state.velocities, g.row_spacing, g.col_spacing, g.periodic)
 
     def _reason(self, finite: bool, strain: float, gained: float) -> str | None:
         if not finite:

@@ -44,10 +44,7 @@ class Observer:
             np.clip(mesh, -self._limit, self._limit, out=mesh)
             limit = self._task.extras_bound
             return {"mesh": mesh, "task": np.clip(extras, -limit, limit).astype(np.float32)}
-        out = np.empty((len(extras), len(self._bound)), np.float32)
-        out[:, -extras.shape[1] :] = extras
-        gather(state.positions, state.velocities, self._task.keypoints, self._bound, out)
-        return out
+        return gather(state.positions, state.velocities, self._task.keypoints, extras, self._bound)
 
 
 def member(observations: Any, i: int) -> Any:

@@ -2,8 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import ClassVar, NamedTuple
 
 import numpy as np
+
+Health = list[tuple[bool, float, float]]  # of each cloth: all finite, largest structural strain, kinetic energy [J/kg]
 
 
 @dataclass
@@ -18,8 +21,10 @@ class State:
         wind: ``(B, 3)`` [m/s], the wind of the last frame.
         pressure: ``(B,)`` [Pa], the pressure of the last frame.
         time: ``(B,)`` [s].
+        health: what was found of the cloth when it was computed, if somebody looked.
     """
 
+    health: ClassVar[Health | None] = None
     positions: np.ndarray
     velocities: np.ndarray
     colliders: np.ndarray
@@ -92,47 +97,57 @@ def _span(values: np.ndarray) -> str:
     return f"{low:g}" if low == high else f"{low:g} to {high:g}"
 
 
+class Cloth(NamedTuple):
+    """``positions`` and ``velocities`` ``(B, 3, H, W)``, and their ``health`` if somebody looked."""
+
+    positions: np.ndarray
+    velocities: np.ndarray
+    health: Health | None = None
+
+
 class LazyState(State):
     """A state whose cloth is computed when it is first read, and then kept; everything else is that of ``known``.
 
     Args:
         known: its bodies, wind, pressure and time.
-        positions, velocities: what computes them, given this state. They are called whenever somebody reads, so they
-            must not depend on anything that changes meanwhile.
+        compute: gives the cloth. It is called whenever somebody reads, so it must not depend on anything that changes
+            meanwhile.
     """
 
-    def __init__(
-        self, known: State, positions: Callable[[State], np.ndarray], velocities: Callable[[State], np.ndarray]
-    ) -> None:
-        self._compute = positions, velocities
-        self._positions: np.ndarray | None = None
-        self._velocities: np.ndarray | None = None
+    def __init__(self, known: State, compute: Callable[[], Cloth]) -> None:
+        self._compute = compute
+        self._cloth: Cloth | None = None
         self.colliders, self.collider_velocities = known.colliders, known.collider_velocities
         self.wind, self.pressure, self.time = known.wind, known.pressure, known.time
 
     def __repr__(self) -> str:  # computes nothing
-        read = "not read so far" if self._positions is None else "read"
+        read = "not read so far" if self._cloth is None else "read"
         return f"<LazyState of {self.batch}, {read}, time {_span(self.time)} s>"
+
+    def _read(self) -> Cloth:
+        self._cloth = self._compute()
+        return self._cloth
 
     @property
     def positions(self) -> np.ndarray:  # type: ignore[override]
         """``(B, 3, H, W)`` [m]."""
-        if self._positions is None:
-            self._positions = self._compute[0](self)
-        return self._positions
+        return (self._cloth or self._read()).positions
 
     @property
     def velocities(self) -> np.ndarray:  # type: ignore[override]
         """``(B, 3, H, W)`` [m/s]."""
-        if self._velocities is None:
-            self._velocities = self._compute[1](self)
-        return self._velocities
+        return (self._cloth or self._read()).velocities
+
+    @property
+    def health(self) -> Health | None:  # type: ignore[override]
+        """What was found when the cloth was computed, if somebody looked."""
+        return (self._cloth or self._read()).health
 
     def read_only(self) -> State:
         known = {n: _locked(getattr(self, n)) for n in ("colliders", "collider_velocities", "wind", "pressure", "time")}
         nothing = np.empty(0)
         return LazyState(
-            State(nothing, nothing, **known), lambda _: _locked(self.positions), lambda _: _locked(self.velocities)
+            State(nothing, nothing, **known), lambda: Cloth(_locked(self.positions), _locked(self.velocities))
         )
 
 

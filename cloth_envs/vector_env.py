@@ -115,31 +115,29 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
 
     def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         world, n = self.world, self.num_envs
-        again = self._ended.copy()
-        if again.any() and self.autoreset_mode is AutoresetMode.DISABLED:
+        again = np.flatnonzero(self._ended)
+        if again.size and self.autoreset_mode is AutoresetMode.DISABLED:
             raise RuntimeError(
-                f"environments {np.flatnonzero(again).tolist()} have ended: reset them with "
+                f"environments {again.tolist()} have ended: reset them with "
                 'reset(options={"reset_mask": terminated | truncated})'
             )
         rewards, reasons = world.step(actions)
-        terminated = np.array([reason is not None for reason in reasons])
+        terminated = np.array([reason is not None for reason in reasons]) if any(reasons) else np.zeros(n, bool)
         truncated = np.zeros(n, bool) if self._limit is None else world.frames >= self._limit
-        if again.any():  # next-step mode: this step only starts the new episode of those
-            self._start(np.flatnonzero(again))
+        if again.size:  # next-step mode: this step only starts the new episode of those
+            self._start(again)
             rewards[again], terminated[again], truncated[again] = 0.0, False, False
         infos: dict[str, Any] = {}
-        failed = terminated & ~again
-        if failed.any():
-            infos["failure"] = np.array([r if f else None for r, f in zip(reasons, failed, strict=True)], dtype=object)
-            infos["_failure"] = failed
-        ended = terminated | truncated
-        self._ended = ended.copy()
+        if any(reasons) and terminated.any():
+            told = [reason if ended else None for reason, ended in zip(reasons, terminated, strict=True)]
+            infos["failure"], infos["_failure"] = np.array(told, dtype=object), terminated.copy()
+        ended = self._ended = terminated | truncated
         observations = world.observe()
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
             finals = np.full(n, None, dtype=object)
             for i in np.flatnonzero(ended):
                 finals[i] = member(observations, int(i))
-            infos = {"final_obs": finals, "_final_obs": ended, "final_info": infos, "_final_info": ended.copy()}
+            infos = {"final_obs": finals, "_final_obs": ended.copy(), "final_info": infos, "_final_info": ended.copy()}
             self._start(np.flatnonzero(ended))
             observations = world.observe()
         return observations, rewards, terminated, truncated, infos

@@ -18,7 +18,7 @@ from cloth_envs.physics.solver import solvers_of
 from cloth_envs.places import check_backend_kwargs
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import BACKENDS, load_task, make_backend, register_backend
-from cloth_envs.scenes.drives import clip_actions
+from cloth_envs.scenes.drives import clip_actions, tick
 from cloth_envs.scenes.task import Episode, Start, Task
 from cloth_envs.snapshot import Snapshot, check_array
 from cloth_envs.state import Controls, State
@@ -185,15 +185,18 @@ class World:
         Raises:
             ValueError: actions of the wrong shape or not finite; nothing has moved then.
         """
-        episode, before = self.episode, self.state
-        clipped = clip_actions(read_actions(actions, (self.num_envs, len(self.task.actions)), self.task.actions))
+        return self.advance(read_actions(actions, (self.num_envs, len(self.task.actions)), self.task.actions))
+
+    def advance(self, actions: np.ndarray) -> tuple[np.ndarray, list[str | None]]:
+        """``step`` by actions that were read already."""
+        episode = self.episode
+        before, clipped = episode.state, clip_actions(actions)
         if clipped is None:
             raise ValueError("action holds NaN or infinity; the state is unchanged, pass numbers in [-1, 1]")
         episode.action = clipped
         self.controls = self.task.controls(episode)
         episode.state = self.backend.advance(self.controls)
-        self.frames += 1
-        episode.state.time[:] = self.frames * self.scene.frame_dt  # sums of many frames would drift
+        tick(self.frames, self.scene.frame_dt, episode.state.time)
         reasons = self.failures.check(before, episode.state)
         failed = [i for i, reason in enumerate(reasons) if reason]
         if failed:

@@ -255,8 +255,11 @@ def test_a_net_of_particles_is_refused() -> None:
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("periodic", [False, True])
-def test_the_compiled_check_is_the_largest_strain_and_the_energy(dtype: str, periodic: bool) -> None:
-    grid = Grid(5, 7, 0.5, 0.8, periodic=periodic)
+@pytest.mark.parametrize("shape", [(5, 7), (4, 37)])  # rows shorter and longer than any vector
+def test_the_compiled_check_is_the_largest_strain_and_the_energy(
+    dtype: str, periodic: bool, shape: tuple[int, int]
+) -> None:
+    grid = Grid(*shape, 0.5, 0.8, periodic=periodic)
     x, v = np.random.default_rng(0).normal(size=(2, 2, 3, *grid.shape)).astype(dtype)
     x[1, 2, 3, 4] = np.nan
     (finite, largest, kinetic), (broken, _, _) = inspect(x, v, grid.row_spacing, grid.col_spacing, periodic)

@@ -243,7 +243,7 @@ def test_no_vertex_ends_in_a_ball_pressed_into_a_coarse_cloth(name: str, body: s
         controls.collider_velocities[:] = [0.0, 0.0, -0.5]
         state = backend.advance(controls)
         assert inside(scene, state).count[0] == 0
-        deepest = max(deepest, float(backend.contact.depth[0]))
+        deepest = max(deepest, float(backend.fine.depth[0]))
         # Nothing at the surface moves on into the body: REACH away from it, at the body's own speed at most.
         away = state.positions[0].reshape(3, -1).T - state.colliders[0, 0, 0]
         if body == "sphere":

@@ -145,7 +145,7 @@ def test_the_fine_cloth_is_computed_when_it_is_read() -> None:
     assert state.batch == 1
     assert calls == []
     assert state.positions is state.positions
-    assert calls == ["positions"]
+    assert calls == ["positions", "velocities"]
     assert state.copy().positions.shape == (1, 3, 17, 17)
     assert calls == ["positions", "velocities"]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -13,12 +14,14 @@ from cloth_envs.material import Material
 from cloth_envs.physics.laws.bodies import axis_parameter, on_axis
 from cloth_envs.resample import Resampler
 from cloth_envs.scene import Collider, Scene
-from cloth_envs.state import State
+from cloth_envs.state import Controls, State
 from surrogates.miniature.coarse import coarse_grid
-from surrogates.miniature.upscaled import REACH, Projection
+from surrogates.miniature.fine import REACH, Fine
+from surrogates.miniature.handles import Handles
 from surrogates.upscale.local import Local
 from surrogates.upscale.local_features import NODES, answer, features, spacing
 from surrogates.upscale.patches import squares
+from surrogates.upscale.protocol import Upscaler
 
 EPS = float(np.finfo(np.float32).eps)
 BATCH = 2
@@ -78,6 +81,18 @@ def test_what_cells_say_of_a_shared_vertex_is_averaged() -> None:
     assert upscaler.seam([State.still(flat)]) < 1e-5
 
 
+class Given(Upscaler):
+    """Says of every cloth what it was told."""
+
+    cloth: tuple[np.ndarray, np.ndarray]
+
+    def positions(self, history: Sequence[State]) -> np.ndarray:
+        return self.cloth[0]
+
+    def velocities(self, history: Sequence[State]) -> np.ndarray:
+        return self.cloth[1]
+
+
 BODIES = (Collider("sphere", 0.2), Collider("capsule", 0.1), Collider("plane"))
 ENDS = {
     "sphere": [[0.5, 0.0, -0.5], [0.5, 0.0, -0.5]],
@@ -112,13 +127,18 @@ def test_vertices_are_put_on_the_surface_and_stop_there(body: Collider, rows: in
     assert (depth > 0).any()
     into = np.minimum(((v - carried) * normal).sum(1), 0) * (depth > 0)
 
-    contact = Projection(scene)
-    contact.positions(state.positions, state)
+    upscaler = Given(replace(scene, grid=coarse_grid(grid, 2)), scene, 2)
+    upscaler.cloth = state.positions, velocities
+    coarse = replace(state, positions=state.positions[..., ::2, ::2], velocities=state.velocities[..., ::2, ::2])
+    controls = Controls.hold(state, scene.handles)
+    controls.handle_velocities[:, 0] = velocities.reshape(BATCH, 3, -1)[:, :, scene.handles[0]]
+    fine = Fine(scene, Handles.of(grid, upscaler.coarse.grid, scene.handles), upscaler)
+    fine.begin(BATCH)
+    assert fine([coarse], controls).positions is state.positions
     # Coordinates, radii and gaps below 2 m, each rounded a few times, and the estimate of 1 / sqrt to 2 eps.
     np.testing.assert_allclose(state.positions.reshape(x.shape), x + depth[:, None] * normal, atol=16 * EPS)
-    assert contact.pushed.tolist() == (depth > 0).sum(1).tolist()
-    np.testing.assert_allclose(contact.depth, depth.max(1), atol=16 * EPS)
-    contact.velocities(velocities, state.positions, state)
+    assert fine.pushed.tolist() == (depth > 0).sum(1).tolist()
+    np.testing.assert_allclose(fine.depth, depth.max(1), atol=16 * EPS)
     # The normal is taken at the new place, as far as REACH and rounding from the surface.
     tolerance = (REACH + 32 * EPS) / 0.1 * np.abs(v - carried).max()
     np.testing.assert_allclose(velocities.reshape(x.shape), v - into[:, None] * normal, atol=tolerance)

@@ -240,12 +240,10 @@ class Solver(ABC):
 
     def advance(self, controls: Controls) -> State:
         old = self.state
-        shape, dtype = old.positions.shape, self.dtype
-        new = State(
-            np.empty(shape, dtype), np.empty(shape, dtype),
-            controls.colliders.astype(dtype), controls.collider_velocities.astype(dtype),
-            controls.wind, controls.pressure, old.time + self.scene.frame_dt,
-        )  # fmt: skip
+        x, v, bodies, moving, time = kernels.next_frame(
+            old.positions, old.time, controls.colliders, controls.collider_velocities, self.scene.frame_dt
+        )
+        new = State(x, v, bodies, moving, controls.wind, controls.pressure, time)
         self.step(old, new, controls)
         self._state = new
         return new

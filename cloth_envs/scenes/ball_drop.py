@@ -5,8 +5,8 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene
-from cloth_envs.scenes.drives import Drive
-from cloth_envs.scenes.measures import columns, tolerance
+from cloth_envs.scenes.drives import Drive, push
+from cloth_envs.scenes.measures import columns, ramp, tolerance
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -91,8 +91,7 @@ class BallDrop(Task):
         state = episode.state
         moved, speed = self.drive(state.colliders[:, 0, 0, :2], state.collider_velocities[:, 0, 0, :2], episode.action)
         controls = self.hold(episode)
-        controls.colliders[:, 0, :, :2] += moved[:, None]
-        controls.collider_velocities[:, 0, :, :2] = speed[:, None]
+        push(controls.colliders, controls.collider_velocities, moved, speed)
         return controls
 
     def observe(self, episode: Episode) -> np.ndarray:
@@ -103,5 +102,4 @@ class BallDrop(Task):
     def reward(self, episode: Episode) -> np.ndarray:
         middle = self.middle(episode)
         away = middle[:, :2] - episode.state.colliders[:, 0, 0, :2]
-        held = np.minimum(np.maximum(middle[:, 2] / HELD, 0.0), 1.0)
-        return tolerance(away, MARGIN) * held
+        return tolerance(away, MARGIN) * ramp(middle[:, 2], HELD)

@@ -8,7 +8,7 @@ from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene
-from cloth_envs.scenes.drives import Drive
+from cloth_envs.scenes.drives import Drive, push
 from cloth_envs.scenes.measures import columns, largest_stretch, tolerance
 from cloth_envs.scenes.starts import bow
 from cloth_envs.scenes.task import Episode, Start, Task, documented
@@ -105,8 +105,7 @@ class Collision(Task):
         state = episode.state
         moved, speed = self.drive(state.colliders[:, 0, 0], state.collider_velocities[:, 0, 0], episode.action)
         controls = self.hold(episode)
-        controls.colliders += moved[:, None, None]
-        controls.collider_velocities += speed[:, None, None]
+        push(controls.colliders, controls.collider_velocities, moved, speed)
         return controls
 
     def observe(self, episode: Episode) -> np.ndarray:

@@ -13,8 +13,8 @@ TWINS: dict[str, Callable[..., Any]] = {}  # name -> the NumPy source, for the t
 def compiled(twin: Function) -> Function:
     """Put the kernel of the same name in the place of ``twin``.
 
-    Only for what an environment's step is measured to need (``minicloth bench throughput``, column ``repeated``: 23 to
-    30 us a step on an AVX-512 processor): a comment beside each says how many microseconds its NumPy source would add.
+    Only for what an environment's step is measured to need (``minicloth bench throughput``, column ``repeated``: 16 to
+    27 us a step on an AVX-512 processor): a comment beside each says how many microseconds its NumPy source would add.
     """
     TWINS[twin.__name__] = twin
     return getattr(kernels, twin.__name__)

@@ -18,6 +18,13 @@ def clip_actions(actions: np.ndarray, /) -> np.ndarray | None:
     return np.clip(actions, -1.0, 1.0) if np.isfinite(actions).all() else None
 
 
+@compiled  # 4 us
+def tick(frames: np.ndarray, dt: float, time: np.ndarray, /) -> None:
+    """Count one frame more, and write the ``time`` [s] at which it ends: sums of many ``dt`` would drift; ``(B,)``."""
+    frames += 1
+    time[:] = frames * dt
+
+
 @compiled  # 6 us
 def hold(positions: np.ndarray, handles: np.ndarray, colliders: np.ndarray, /) -> tuple[np.ndarray, ...]:
     """The fields of ``Controls`` that bring every handle and body to rest where it is now, without wind or pressure."""
@@ -55,6 +62,20 @@ def carry(
     n = share.shape[1]
     handles[:, :, :n] += moved[:, None] * share
     velocities[:, :, :n] += reached[:, None] * share
+
+
+@compiled  # 6 us
+def push(bodies: np.ndarray, velocities: np.ndarray, moved: np.ndarray, reached: np.ndarray, /) -> None:
+    """Move the first body of ``(B, C, 2, 3)`` in place by how far and fast it is driven along its axes, ``(B, n)``."""
+    n = moved.shape[1]
+    bodies[:, 0, :, :n] += moved[:, None]
+    velocities[:, 0, :, :n] += reached[:, None]
+
+
+@compiled  # 3 us
+def pump(pressure: np.ndarray, action: np.ndarray, full: float, share: float, /) -> np.ndarray:
+    """``pressure`` ``(B,)`` a ``share`` of the way nearer to what the action ``(B,)`` asks for, ``full`` [Pa] at 1."""
+    return pressure + share * (full * action - pressure)
 
 
 class Drive:

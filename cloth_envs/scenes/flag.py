@@ -6,7 +6,7 @@ from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene
 from cloth_envs.scenes.drives import Drive, draw_gust, gusty_wind
-from cloth_envs.scenes.measures import columns, loop_area
+from cloth_envs.scenes.measures import along, columns, loop_area, ramp
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -60,7 +60,7 @@ class Flag(Task):
         self.drive = Drive([-REACH] * 2, [REACH] * 2, speed=POLE_SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
         self.follow = np.ones((len(self.handles), 2))
         self.border = scene.grid.border.astype(np.int32)
-        self.over_area = 1.0 / (scene.grid.height * scene.grid.width)
+        self.area = scene.grid.height * scene.grid.width
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
@@ -106,6 +106,5 @@ class Flag(Task):
         return columns(pole, velocity, state.wind[:, :2], episode.memory["onlooker"])
 
     def reward(self, episode: Episode) -> np.ndarray:
-        towards, area = episode.memory["onlooker"], loop_area(episode.state.positions, self.border)
-        seen = np.abs(area[:, 0] * towards[:, 0] + area[:, 1] * towards[:, 1])
-        return np.minimum(seen * self.over_area, 1.0)
+        area = loop_area(episode.state.positions, self.border)
+        return ramp(np.abs(along(area, episode.memory["onlooker"])), self.area)

@@ -18,6 +18,18 @@ def tolerance(error: np.ndarray, margin: float, least: float = 0.0, /) -> np.nda
     return least + (1.0 - least) * 0.1 ** (squares if squares.ndim == 1 else squares.sum(1))
 
 
+@compiled  # 3 us
+def ramp(value: np.ndarray, full: float, /) -> np.ndarray:
+    """0 where the value ``(B,)`` is 0 or less, 1 where it is ``full`` or more, and even between; ``(B,)``."""
+    return np.minimum(np.maximum(np.asarray(value, np.float64) / full, 0.0), 1.0)
+
+
+@compiled  # 3 us
+def along(vector: np.ndarray, direction: np.ndarray, /) -> np.ndarray:
+    """The part of vectors ``(B, 3)`` along a level ``direction`` ``(B, 2)`` of length 1, ``(B,)``."""
+    return vector[:, 0] * direction[:, 0] + vector[:, 1] * direction[:, 1]
+
+
 def points(field: np.ndarray, vertices: np.ndarray) -> np.ndarray:
     """The field at some vertices, ``(B, 3, N)`` float64."""
     return field.reshape(len(field), 3, -1).take(vertices, 2).astype(np.float64)
@@ -62,9 +74,8 @@ def columns(*parts: np.ndarray) -> np.ndarray:
 
 @compiled  # 11 us
 def gather(
-    positions: np.ndarray, velocities: np.ndarray, vertices: np.ndarray, bound: np.ndarray, out: np.ndarray, /
-) -> None:
-    """Positions, then velocities of some vertices to the front of each row of ``out``; the whole row is clipped."""
-    fields = [points(field, vertices).reshape(len(out), -1) for field in (positions, velocities)]
-    out[:, : 6 * len(vertices)] = np.concatenate(fields, 1)
-    np.clip(out, -bound, bound, out=out)
+    positions: np.ndarray, velocities: np.ndarray, vertices: np.ndarray, extras: np.ndarray, bound: np.ndarray, /
+) -> np.ndarray:
+    """Positions, then velocities of some vertices, then ``extras`` ``(B, K)``; clipped, ``(B, 6 N + K)`` float32."""
+    fields = [points(field, vertices).reshape(len(extras), -1) for field in (positions, velocities)]
+    return np.clip(np.concatenate([*fields, extras], 1).astype(np.float32), -bound, bound)

@@ -5,7 +5,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene
-from cloth_envs.scenes.drives import draw_gust, gust
+from cloth_envs.scenes.drives import draw_gust, gust, pump
 from cloth_envs.scenes.measures import columns, tolerance
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -73,8 +73,8 @@ class Pressure(Task):
 
     def controls(self, episode: Episode) -> Controls:
         controls = self.hold(episode)
-        now = episode.state.pressure
-        controls.pressure = now + self.frame_dt / PUMP * (FULL_PRESSURE * episode.action[:, 0] - now)
+        share = self.frame_dt / PUMP
+        controls.pressure = pump(episode.state.pressure, episode.action[:, 0], FULL_PRESSURE, share)
         return controls
 
     def target(self, episode: Episode) -> np.ndarray:

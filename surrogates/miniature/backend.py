@@ -81,4 +81,5 @@ class MiniatureBackend(Upscaled):
                     f"correction={correction!r} was trained on {wanted}, got {self.scaling!r}: pass {wanted}"
                 )
             coarse.correct(Correction(coarse.scene, shipped(scene.name, factor)))
-        super().__init__(coarse, make_upscaler(self.upscaler, coarse.scene, scene, factor), guard=guard)
+        upscaling = make_upscaler(self.upscaler, coarse.scene, scene, factor)
+        super().__init__(coarse, upscaling, guard=guard, threads=threads)

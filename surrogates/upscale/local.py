@@ -18,7 +18,7 @@ from cloth_envs.state import State
 from surrogates.checkpoint import of_factor
 from surrogates.upscale.local_features import LIMIT, NODES, answer, features, flat_features, spacing, stiffness_numbers
 from surrogates.upscale.patches import dense_grid, squares
-from surrogates.upscale.protocol import Upscaler
+from surrogates.upscale.protocol import Recipe, Upscaler, compiled
 
 LAYERS = 4  # at most
 
@@ -69,6 +69,7 @@ class Local(Upscaler):
         more = max(0, max(which) + 1 - len(self._bias))
         self._bias = np.pad(self._bias, ((0, more), (0, 0)))
         self._bias[list(which)] = self.biases(materials)
+        self.recipe = Recipe(self._net, self._bias, self._finer)
 
     def biases(self, materials: Sequence[Material]) -> np.ndarray:
         """Biases of all layers, one after the other, ``(B, n)``."""
@@ -82,6 +83,7 @@ class Local(Upscaler):
             x = np.maximum(x @ weight.T + bias, 0)
         return np.concatenate([*out, -(x @ self.weights[-1].T)], 1).astype(np.float32)
 
+    @compiled
     def positions(self, history: Sequence[State]) -> np.ndarray:
         x = history[-1].positions
         out = np.empty((len(x), 3, *self.fine.grid.shape), np.float32)

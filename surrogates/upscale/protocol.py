@@ -2,8 +2,10 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from _minicloth_kernels import PatchNet, Resample
 
 from cloth_envs.arguments import one_of
 from cloth_envs.material import Material
@@ -22,6 +24,35 @@ LEARNED: dict[str, str] = {
 }
 
 
+Method = TypeVar("Method", bound=Callable[..., Any])
+_COMPILED: set[object] = set()
+
+
+def compiled(method: Method) -> Method:
+    """Marks ``positions`` or ``velocities`` of an upscaler that ``recipe`` or ``speeds`` tell as well.
+
+    Then the compiled frame does what they say; whatever overrides the method is called instead.
+    """
+    _COMPILED.add(method)
+    return method
+
+
+def is_compiled(method: Callable[..., Any]) -> bool:
+    """Whether a bound method is one that was marked."""
+    return getattr(method, "__func__", None) in _COMPILED
+
+
+class Recipe(NamedTuple):
+    """From coarse to fine positions: a network with biases ``(B, n)``, then interpolation; None where there is none."""
+
+    net: PatchNet | None
+    bias: np.ndarray
+    grids: Resample | None
+
+
+NOTHING = Recipe(None, np.zeros((0, 0), np.float32), None)
+
+
 class Upscaler(ABC):
     """Fine fields ``(B, 3, H, W)`` float32 from ``history``: the last ``frames`` coarse states, the newest last.
 
@@ -31,13 +62,17 @@ class Upscaler(ABC):
 
     Attributes:
         bicubic: interpolation of a coarse field, which learned upscalers start from or fall back to.
+        recipe: what compiled ``positions`` do.
+        speeds: what compiled ``velocities`` do.
     """
 
     frames = 1
+    recipe = NOTHING
 
     def __init__(self, coarse: Scene, fine: Scene, factor: float) -> None:
         self.coarse, self.fine, self.factor = coarse, fine, factor
         self.bicubic = Resampler(coarse.grid, fine.grid)
+        self.speeds = self.bicubic.kernel
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:  # noqa: B027  (few see any)
         """Members ``which`` of the batch are of these (fine) materials from now on."""
@@ -46,6 +81,7 @@ class Upscaler(ABC):
     def positions(self, history: Sequence[State]) -> np.ndarray:
         """Positions [m] at the newest state."""
 
+    @compiled
     def velocities(self, history: Sequence[State]) -> np.ndarray:
         """Velocities [m/s] at the newest state; bicubic interpolation if it has no better ones."""
         return self.bicubic(history[-1].velocities)
@@ -78,10 +114,14 @@ class Interpolation(Upscaler):
     def __init__(self, coarse: Scene, fine: Scene, factor: float, *, kind: str = "cubic") -> None:
         super().__init__(coarse, fine, factor)
         self._resample = Resampler(coarse.grid, fine.grid, kind)
+        self.speeds = self._resample.kernel
+        self.recipe = NOTHING._replace(grids=self.speeds)
 
+    @compiled
     def positions(self, history: Sequence[State]) -> np.ndarray:
         return self._resample(history[-1].positions)
 
+    @compiled
     def velocities(self, history: Sequence[State]) -> np.ndarray:
         return self._resample(history[-1].velocities)
 

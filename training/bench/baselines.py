@@ -10,7 +10,7 @@ from cloth_envs.material import Material
 from cloth_envs.registry import make_backend
 from cloth_envs.resample import resample, weights
 from cloth_envs.scene import Scene
-from cloth_envs.state import Controls, LazyState, State
+from cloth_envs.state import Cloth, Controls, LazyState, State
 from surrogates.miniature.backend import MiniatureBackend
 from surrogates.miniature.coarse import CLOTH, CoarsePhysics, coarse_grid
 from surrogates.miniature.upscaled import Upscaled
@@ -79,7 +79,7 @@ class Offset:
         """A frame later; the fine cloth is computed when it is read."""
         state = self._miniature.advance(controls)
         x, v = (self.lack[name] for name in CLOTH)
-        return LazyState(self._miniature.coarse.state, lambda _: state.positions + x, lambda _: state.velocities + v)
+        return LazyState(self._miniature.coarse.state, lambda: Cloth(state.positions + x, state.velocities + v))
 
 
 def fractional(scene: Scene, *, num_envs: int = 1, factor: float = 1.5, upscaler: str = "bicubic") -> Upscaled:

@@ -20,6 +20,7 @@ from cloth_envs.physics.laws.step import step
 from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.state import Controls, State
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
+from training.bench.steps import StepRow, step_rows, step_table
 
 SIZES = {"Flag": Grid(33, 49, 1.0, 1.5), "Curtain": Grid(73, 49, 1.5, 1.0), "4x Curtain": Grid(145, 97, 1.5, 1.0)}
 # Gravity and drag are in every row. Operations per vertex as the kernel's source has them (a multiply and
@@ -201,18 +202,20 @@ def measure(session: Session) -> None:
     session.about |= {"numpy_ns": twin, "numpy_ratio": twin / best, "peak_flops": flops}
     session.about |= {"flops_per_vertex": operations, "roofline_ns": operations / flops * 1e9}
     session.store("frames").replace([frames_of(scene, 50 if quick else 200) for scene in session.scenes])
+    session.store("steps").replace(step_rows(session.scenes, quick))
 
 
 BENCHMARK = Benchmark(
     name="throughput",
     about="Nanoseconds per vertex and substep, by term, size, threads and batch; and whole frames.",
-    files={"throughput": RowFile(ThroughputRow), "frames": RowFile(FrameRow)},
+    files={"throughput": RowFile(ThroughputRow), "frames": RowFile(FrameRow), "steps": RowFile(StepRow)},
     parts=[
         Part("Terms and threads: ns per vertex and substep, float32, median (best)", ("throughput",), table),
         Part(
             "Whole frames, one thread: solver, environment around it, and that with an idle solver", ("frames",),
             frame_table,
         ),
+        Part("Steps, one thread, of one environment: whole (outside the backend)", ("steps",), step_table),
     ],
     measure=measure,
 )  # fmt: skip

@@ -18,7 +18,7 @@ NB_MODULE(_minicloth_kernels, m) {
   bind_resample(m);
   bind_correct(m);
   bind_patch(m);
-  bind_projection(m);
+  bind_fine(m);
   bind_state(m);
   bind_measures(m);
   bind_controls(m);

@@ -12,7 +12,7 @@ void bind_particles(nanobind::module_& m);
 void bind_resample(nanobind::module_& m);
 void bind_correct(nanobind::module_& m);
 void bind_patch(nanobind::module_& m);
-void bind_projection(nanobind::module_& m);
+void bind_fine(nanobind::module_& m);
 void bind_state(nanobind::module_& m);
 void bind_measures(nanobind::module_& m);
 void bind_controls(nanobind::module_& m);

@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <initializer_list>
 #include <stdexcept>
 #include <string>
@@ -19,9 +20,10 @@
 namespace minicloth {
 
 template <class T>
-constexpr int kNumber = std::is_same_v<T, float>    ? NPY_FLOAT
-                        : std::is_same_v<T, double> ? NPY_DOUBLE
-                                                    : NPY_INT;
+constexpr int kNumber = std::is_same_v<T, float>          ? NPY_FLOAT
+                        : std::is_same_v<T, double>       ? NPY_DOUBLE
+                        : std::is_same_v<T, std::int64_t> ? NPY_INT64
+                                                          : NPY_INT;
 
 // An array of somebody else, who keeps it alive meanwhile.
 template <class T, int kDims, bool kContiguous = true>
@@ -89,14 +91,19 @@ struct Fresh {
 };
 using Array = Fresh<double>;
 
-// An array of zeros.
-template <class T = double>
+// An array of zeros, or of anything.
+template <class T = double, bool kZeros = true>
 Fresh<T> fresh(std::initializer_list<std::size_t> shape) {
   npy_intp sizes[NPY_MAXDIMS_LEGACY_ITERS];
   std::copy(shape.begin(), shape.end(), sizes);
-  PyObject* array = PyArray_ZEROS(int(shape.size()), sizes, kNumber<T>, 0);
+  const int n = int(shape.size());
+  PyObject* array = kZeros ? PyArray_ZEROS(n, sizes, kNumber<T>, 0) : PyArray_EMPTY(n, sizes, kNumber<T>, 0);
   if (!array) nanobind::raise_python_error();
   return {nanobind::steal(array)};
+}
+template <class T = double>
+Fresh<T> empty(std::initializer_list<std::size_t> shape) {
+  return fresh<T, false>(shape);
 }
 
 inline void need(bool good, const char* what) {

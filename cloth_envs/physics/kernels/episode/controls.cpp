@@ -66,6 +66,29 @@ void carry(Out<double, 3> handles, Out<double, 3> velocities, Pairs<double> move
       }
 }
 
+// Moves the first of the bodies (B, C, 2, 3), which is at rest, along as many axes as moved and reached (B, n) have.
+void push(Out<double, 4> bodies, Out<double, 4> velocities, Pairs<double> moved, Pairs<double> reached) {
+  const std::size_t batch = moved.shape(0), n = moved.shape(1), count = bodies.shape(1);
+  need(count > 0 && shaped(bodies, {batch, count, 2, 3}) && shaped(velocities, {batch, count, 2, 3}),
+       "bodies must be (B, C, 2, 3)");
+  need(shaped(reached, {batch, n}) && n <= 3, "moved and reached must be (B, n)");
+  for (std::size_t b = 0; b < batch; ++b)
+    for (std::size_t end = 0; end < 2; ++end)
+      for (std::size_t k = 0; k < n; ++k) {
+        bodies(b, 0, end, k) += moved(b, k);
+        velocities(b, 0, end, k) += reached(b, k);
+      }
+}
+
+// A pressure that goes a share of the way to what the action asks for, `full` at 1, (B,).
+Array pump(Numbers pressure, Numbers action, double full, double share) {
+  const std::size_t batch = pressure.shape(0);
+  need(action.shape(0) == batch, "pressures and actions must be (B,)");
+  Array out = fresh({batch});
+  for (std::size_t b = 0; b < batch; ++b) out.data()[b] = pressure(b) + share * (full * action(b) - pressure(b));
+  return out;
+}
+
 // Some vertices of a cloth, (B, N, 3).
 template <class T>
 Array take_points(In<T, 4> x, In<int, 1> vertices) {
@@ -136,6 +159,8 @@ void bind_controls(nb::module_& m) {
   m.def("clip_actions", &clip_actions, "Actions (B, A) clipped to [-1, 1]; None if one is not finite.");
   m.def("gusty_wind", &gusty_wind, "A level wind (B, 3) whose two gusts change its strength and heading.");
   m.def("carry", &carry, "Moves handles in place by shares of how far and how fast something is driven.");
+  m.def("push", &push, "Moves the first body in place by how far and how fast something is driven.");
+  m.def("pump", &pump, "A pressure (B,) a share of the way further to what the action asks for.");
   m.def("gust", &gust, "Smooth signals in [-1, 1], (B, J), from tones (B, 2, S, N) at times (B, K).");
 }
 

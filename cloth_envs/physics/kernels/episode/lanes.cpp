@@ -8,42 +8,58 @@ namespace minicloth {
 namespace LANES {
 namespace {
 
+// The longest of some edges: a vector of them at a time, whose last one holds some of the one before again.
+template <class T>
+struct Longest {
+  V<T> most = {};
+  T few = 0;  // of fewer edges than a vector has, one by one
+
+  // `count` edges from x on to the vertices `step` further; planes are n apart.
+  void add(const T* x, int step, int count, int n) {
+    if (count < kLanes<T>) {
+      for (int k = 0; k < count; ++k) {
+        const T a = x[k + step] - x[k], b = x[k + step + n] - x[k + n], c = x[k + step + 2 * n] - x[k + 2 * n];
+        const T d = a * a + b * b + c * c;
+        few = few > d ? few : d;
+      }
+      return;
+    }
+    for (int next = 0; next < count; next += kLanes<T>) {
+      const T *from = x + (next < count - kLanes<T> ? next : count - kLanes<T>), *to = from + step;
+      const V<T> a = load(to) - load(from), b = load(to + n) - load(from + n);
+      const V<T> c = load(to + 2 * n) - load(from + 2 * n), d = a * a + b * b + c * c;
+      most = most > d ? most : d;
+    }
+  }
+  T square() const {
+    T all = few;
+    for (int l = 0; l < kLanes<T>; ++l) all = all > most[l] ? all : most[l];
+    return all;
+  }
+};
+
 template <class T>
 Check check(const T* x, const T* v, int rows, int cols, T row_length, T col_length, bool periodic) {
   const int n = rows * cols;
-  const V<T> zero = {};
-  V<T> bad = zero, square = zero;
+  V<T> bad[2] = {}, square[2] = {};  // two of each, or every addition would wait for the one before
   T bad1 = 0, square1 = 0;
   int i = 0;
-  for (; i + kLanes<T> <= 3 * n; i += kLanes<T>) {
-    bad += load(x + i) * T(0);  // NaN unless finite
-    square += load(v + i) * load(v + i);
-  }
+  for (; i + 2 * kLanes<T> <= 3 * n; i += 2 * kLanes<T>)
+    for (int k = 0; k < 2; ++k) {
+      const V<T> at = load(x + i + k * kLanes<T>), speed = load(v + i + k * kLanes<T>);
+      bad[k] += at * T(0);  // NaN unless finite
+      square[k] += speed * speed;
+    }
   for (; i < 3 * n; ++i) bad1 += x[i] * T(0), square1 += v[i] * v[i];
-  const auto longest = [&](int from, int step, int count, T scale) {
-    V<T> most = zero;
-    T most1 = 0;
-    int k = from;
-    for (; k + kLanes<T> <= from + count; k += kLanes<T>) {
-      const V<T> a = load(x + k + step) - load(x + k), b = load(x + k + step + n) - load(x + k + n);
-      const V<T> c = load(x + k + step + 2 * n) - load(x + k + 2 * n), d = a * a + b * b + c * c;
-      most = most > d ? most : d;
-    }
-    for (; k < from + count; ++k) {
-      const T a = x[k + step] - x[k], b = x[k + step + n] - x[k + n], c = x[k + step + 2 * n] - x[k + 2 * n];
-      const T d = a * a + b * b + c * c;
-      most1 = most1 > d ? most1 : d;
-    }
-    for (int l = 0; l < kLanes<T>; ++l) most1 = most1 > most[l] ? most1 : most[l];
-    return double(most1) * double(scale);
-  };
-  const T along = 1 / (col_length * col_length), down = 1 / (row_length * row_length);
-  double stretch = longest(0, cols, n - cols, down);
+  Longest<T> down, along;
+  down.add(x, cols, n - cols, n);
   for (int r = 0; r < rows; ++r) {
-    stretch = std::fmax(stretch, longest(r * cols, 1, cols - 1, along));
-    if (periodic) stretch = std::fmax(stretch, longest(r * cols + cols - 1, 1 - cols, 1, along));
+    along.add(x + r * cols, 1, cols - 1, n);
+    if (periodic) along.add(x + r * cols + cols - 1, 1 - cols, 1, n);
   }
-  for (int l = 0; l < kLanes<T>; ++l) bad1 += bad[l], square1 += square[l];
+  const double stretch = std::fmax(double(down.square()) / (double(row_length) * row_length),
+                                   double(along.square()) / (double(col_length) * col_length));
+  for (int l = 0; l < kLanes<T>; ++l) bad1 += bad[0][l] + bad[1][l], square1 += square[0][l] + square[1][l];
   return {std::isfinite(bad1) && std::isfinite(square1), std::sqrt(stretch) - 1, 0.5 * double(square1) / n};
 }
 

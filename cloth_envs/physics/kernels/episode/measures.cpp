@@ -67,6 +67,23 @@ Array tolerance_of_length(Strided<T, 2> error, double margin, double least) {
   return out;
 }
 
+// How much of `full` a value is, within 0 and 1.
+Array ramp(Strided<double, 1> value, double full) {
+  Array out = fresh({value.shape(0)});
+  for (std::size_t b = 0; b < value.shape(0); ++b) out.data()[b] = std::min(std::max(value(b) / full, 0.0), 1.0);
+  return out;
+}
+
+// The part of vectors (B, 3) along a level direction (B, 2).
+Array along(Strided<double, 2> vector, Strided<double, 2> direction) {
+  const std::size_t batch = vector.shape(0);
+  need(vector.shape(1) == 3 && shaped(direction, {batch, 2}), "vectors must be (B, 3), directions (B, 2)");
+  Array out = fresh({batch});
+  for (std::size_t b = 0; b < batch; ++b)
+    out.data()[b] = vector(b, 0) * direction(b, 0) + vector(b, 1) * direction(b, 1);
+  return out;
+}
+
 // The mean of x[second] - x[first] over pairs of vertices, (B, 3).
 template <class T>
 Array mean_span(Cloth<T> x, Vertices first, Vertices second) {
@@ -136,6 +153,8 @@ void bind_measures_of(nb::module_& m) {
 }  // namespace
 
 void bind_measures(nb::module_& m) {
+  m.def("ramp", &ramp, "How much of a full value each (B,) is, within 0 and 1.");
+  m.def("along", &along, "The part of vectors (B, 3) along a level direction (B, 2), (B,).");
   bind_measures_of<float>(m);
   bind_measures_of<double>(m);
 }

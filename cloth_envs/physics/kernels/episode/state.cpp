@@ -2,6 +2,8 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
+
 #include "../base/arrays.hpp"
 #include "../module.hpp"
 #include "core.hpp"
@@ -59,22 +61,44 @@ void bind_state_of(nb::module_& m) {
       },
       "Per cloth: all finite, largest structural strain, kinetic energy per mass [J/kg].");
   m.def(
+      "next_frame",
+      [](In<T, 4> x, In<double, 1> time, In<double, 4> bodies, In<double, 4> moving, double dt) {
+        const std::size_t batch = x.shape(0);
+        need(time.shape(0) == batch, "times must be (B,)");
+        const auto blank = [&] { return empty<T>({batch, x.shape(1), x.shape(2), x.shape(3)}); };
+        const auto rounded = [](const In<double, 4>& from) {
+          const Fresh<T> to = empty<T>({from.shape(0), from.shape(1), from.shape(2), from.shape(3)});
+          std::copy_n(from.data(), from.size(), to.data());
+          return to;
+        };
+        const Array later = empty({batch});
+        for (std::size_t b = 0; b < batch; ++b) later.data()[b] = time.data()[b] + dt;
+        return nb::make_tuple(blank(), blank(), rounded(bodies), rounded(moving), later);
+      },
+      nb::arg("positions").noconvert(), nb::arg("time"), nb::arg("colliders"), nb::arg("collider_velocities"),
+      nb::arg("dt"),
+      "Positions and velocities to fill, bodies and their velocities as controls have them, the time a frame later.");
+  m.def(
       "gather",
-      [](In<T, 4> x, In<T, 4> v, In<int, 1> vertices, In<float, 1> bound, Out<float, 2> out) {
+      [](In<T, 4> x, In<T, 4> v, In<int, 1> vertices, In<float, 2> extras, In<float, 1> bound) {
         const std::size_t batch = x.shape(0), n = x.shape(2) * x.shape(3), count = vertices.shape(0);
-        need(out.shape(0) == batch && out.shape(1) == bound.shape(0) && 6 * count <= out.shape(1),
-             "out must be (B, size of bound), with room for 6 numbers a vertex");
+        const std::size_t more = extras.shape(1), width = 6 * count + more;
+        need(shaped(extras, {batch, more}) && bound.shape(0) == width,
+             "bound must be of 6 numbers a vertex and extras");
+        const Fresh<float> out = fresh<float>({batch, width});
         const auto clip = [](float a, float limit) { return a < -limit ? -limit : a > limit ? limit : a; };
-        for (std::size_t b = 0; b < batch; ++b) {
-          float* to = out.data() + b * out.shape(1);
+        float* to = out.data();
+        for (std::size_t b = 0; b < batch; ++b, to += width) {
           for (std::size_t k = 0; k < 6; ++k) {
             const T* from = (k < 3 ? x.data() + (3 * b + k) * n : v.data() + (3 * b + k - 3) * n);
             for (std::size_t i = 0; i < count; ++i) to[k * count + i] = float(from[vertices.data()[i]]);
           }
-          for (std::size_t i = 0; i < out.shape(1); ++i) to[i] = clip(to[i], bound.data()[i]);
+          std::copy_n(extras.data() + b * more, more, to + 6 * count);
+          for (std::size_t i = 0; i < width; ++i) to[i] = clip(to[i], bound.data()[i]);
         }
+        return out;
       },
-      "Writes positions, then velocities of some vertices to the front of each row of out, and clips the whole row.");
+      "Positions, then velocities of some vertices, then the extras (B, K), all clipped: (B, 6 N + K) float32.");
 }
 
 }  // namespace
@@ -83,6 +107,13 @@ void bind_state(nb::module_& m) {
   bind_state_of<float>(m);
   bind_state_of<double>(m);
   m.def("columns", &columns, "Numbers (B,) or (B, n) side by side, (B, N) float32.");
+  m.def(
+      "tick",
+      [](Out<std::int64_t, 1> frames, double dt, Out<double, 1> time) {
+        need(frames.shape(0) == time.shape(0), "frames and time must be (B,)");
+        for (std::size_t b = 0; b < frames.shape(0); ++b) time.data()[b] = double(++frames.data()[b]) * dt;
+      },
+      "Counts one frame more, and writes the time that it ends at.");
 }
 
 }  // namespace minicloth

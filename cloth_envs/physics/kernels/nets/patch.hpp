@@ -4,6 +4,7 @@
 
 #include "../base/dispatch.hpp"
 #include "dense.hpp"
+#include "resample.hpp"
 
 namespace minicloth {
 
@@ -22,5 +23,9 @@ struct PatchLanes {
   void (*upscale)(const PatchNet&, const float* x, int rows, int cols, const float* bias, float* out);
 };
 DECLARE_LANES(PatchLanes)
+
+// Coarse positions (3, rows, cols) at half the spacing, or what `finer` (or null) makes of that.
+void upscale(const PatchNet& net, const float* x, int rows, int cols, const float* bias, const Grids* finer,
+             float* out);
 
 }  // namespace minicloth

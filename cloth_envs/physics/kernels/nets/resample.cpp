@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "../base/arrays.hpp"
 #include "../base/geometry.hpp"
@@ -39,29 +40,17 @@ void resample(const Grids& grids, In<float, 4> field, Out<float, 4> out) {
   grids(field.data(), int(batch * planes), out.data());
 }
 
-// Puts the vertices `handles` of (B, 3, H, W) to driven (B, N, 3). Where one is off by more than `rounding`, the
-// vertices `near` take their pull of what is missing at the handle number `guides`.
-void place(Out<float, 4> field, In<double, 3> driven, In<int, 1> handles, In<int, 1> near, In<int, 1> guides,
-           In<float, 1> pull, double rounding) {
+void place_all(Out<float, 4> field, In<double, 3> driven, In<int, 1> handles, In<int, 1> near, In<int, 1> guides,
+               In<float, 1> pull, double rounding) {
   const std::size_t batch = field.shape(0), n = field.shape(2) * field.shape(3), count = handles.shape(0);
   need(field.shape(1) == 3 && shaped(driven, {batch, count, 3}), "field must be (B, 3, H, W), driven (B, N, 3)");
   need(guides.shape(0) == near.shape(0) && pull.shape(0) == near.shape(0), "as many guides and pulls as near");
-  std::vector<float> missing(count);
+  std::vector<int> all(count);
+  std::iota(all.begin(), all.end(), 0);
+  const Pulled pulled = {near.data(), guides.data(), pull.data(), near.shape(0)};
   for (std::size_t b = 0; b < batch; ++b)
-    for (std::size_t k = 0; k < 3; ++k) {
-      float* plane = field.data() + (3 * b + k) * n;
-      bool off = false;
-      for (std::size_t i = 0; i < count; ++i) {
-        const float there = float(driven.data()[(b * count + i) * 3 + k]);
-        float& here = plane[handles.data()[i]];
-        missing[i] = there - here;
-        off |= std::abs(missing[i]) > rounding;
-        here = there;
-      }
-      if (!off) continue;
-      for (std::size_t i = 0; i < near.shape(0); ++i)
-        plane[near.data()[i]] += pull.data()[i] * missing[guides.data()[i]];
-    }
+    place(field.data() + 3 * b * n, n, driven.data() + 3 * b * count, all.data(), handles.data(), count, pulled,
+          rounding);
 }
 
 // Positions (B, M, 3) of coarse handles at their offsets from the fine ones (B, N, 3) that they follow, and velocities.
@@ -84,10 +73,29 @@ nb::tuple follow(In<double, 3> positions, In<double, 3> velocities, In<int, 1> f
 
 }  // namespace
 
+void place(float* field, std::size_t n, const double* driven, const int* numbers, const int* held, std::size_t count,
+           const Pulled& pulled, double rounding) {
+  thread_local std::vector<float> memory;
+  memory.resize(count);
+  float* const missing = memory.data();
+  for (std::size_t k = 0; k < 3; ++k, field += n) {
+    bool off = false;
+    for (std::size_t i = 0; i < count; ++i) {
+      const float there = float(driven[3 * numbers[i] + k]);
+      float& here = field[held[i]];
+      missing[i] = there - here;
+      off |= std::abs(missing[i]) > rounding;
+      here = there;
+    }
+    if (!off) continue;
+    for (std::size_t i = 0; i < pulled.count; ++i) field[pulled.near[i]] += pulled.pull[i] * missing[pulled.guides[i]];
+  }
+}
+
 void bind_resample(nb::module_& m) {
   m.def("follow", &follow, "Positions and velocities of coarse handles that follow fine ones.");
-  m.def("place", &place, nb::arg("field"), nb::arg("driven"), nb::arg("handles"), nb::arg("near"), nb::arg("guides"),
-        nb::arg("pull"), nb::arg("rounding"),
+  m.def("place", &place_all, nb::arg("field"), nb::arg("driven"), nb::arg("handles"), nb::arg("near"),
+        nb::arg("guides"), nb::arg("pull"), nb::arg("rounding"),
         "Puts handles where they are driven and shares what is missing with the vertices around.");
   nb::class_<Grids>(m, "Resample", "Writes (B, K, h, w) on another grid to out, by taps along rows and columns.")
       .def("__init__",

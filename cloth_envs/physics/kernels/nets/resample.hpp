@@ -1,5 +1,6 @@
 // Interpolation of fields on a grid to another one, along columns and then along rows.
 #pragma once
+#include <cstddef>
 #include <vector>
 
 #include "../base/dispatch.hpp"
@@ -30,5 +31,17 @@ struct Grids {
     lanes<ResampleLanes>().resample(in, planes, h, w, rows, cols, out);
   }
 };
+
+// Vertices that take their pull of what is missing at a driven vertex, the one of this number.
+struct Pulled {
+  const int *near, *guides;
+  const float* pull;
+  std::size_t count;
+};
+
+// Puts the vertices `held` of (3, n) to the rows `numbers` of driven (N, 3). Where one is off by more than `rounding`,
+// those near it follow.
+void place(float* field, std::size_t n, const double* driven, const int* numbers, const int* held, std::size_t count,
+           const Pulled& pulled, double rounding);
 
 }  // namespace minicloth

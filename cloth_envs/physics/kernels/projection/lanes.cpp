@@ -31,48 +31,64 @@ Near near(const UpscaledBody& b, const V3<float>& x) {
   return {n, axis_point<float>(b.velocities, t), square * inverse - b.radius};
 }
 
-// Calls each(vertex, lane, what is near it) for those of the n vertices x whose gap is less than `reach`.
+// The first `count` lanes from p on; the others hold 0, and are not written.
+F load_few(const float* p, int count) {
+  if (count == kWide) return load(p);
+  F v = {};
+  std::memcpy(&v, p, count * sizeof(float));
+  return v;
+}
+void store_few(float* p, const F& v, int count) {
+  if (count == kWide) return store(p, v);
+  std::memcpy(p, &v, count * sizeof(float));
+}
+
+// Calls each(first vertex, lanes, which of them, what is near them) where the gap of some of the n vertices x is less
+// than `reach`.
 template <class Each>
 void touching(const UpscaledBody& b, int n, const float* x, float reach, const Each& each) {
   const float outer = b.radius + reach, limit = outer * outer;
   const V3<float> point = axis_point<float>(b.ends, F{}), normal = axis_point<float>(b.ends, F{} + 1.0f);
   const bool ball = !b.plane && std::memcmp(b.ends[0], b.ends[1], sizeof b.ends[0]) == 0;
+  Places lane;
+  for (int k = 0; k < kWide; ++k) lane[k] = k;
   for (int i = 0; i < n; i += kWide) {
     const int count = n - i < kWide ? n - i : kWide;
-    V3<float> at;
-    if (count == kWide) {
-      at = {load(x + i), load(x + i + n), load(x + i + 2 * n)};
-    } else {
-      for (int k = 0; k < kWide; ++k)
-        for (int a = 0; a < 3; ++a) (a == 0 ? at.x : a == 1 ? at.y : at.z)[k] = x[i + a * n + (k < count ? k : 0)];
-    }
+    const V3<float> at = {load_few(x + i, count), load_few(x + i + n, count), load_few(x + i + 2 * n, count)};
     const V3<float> d = at - point;  // a quick test of most vertices, which are far
     if (b.plane ? !any<float>(dot(normal, d) < outer) : ball && !any<float>(dot(d, d) < limit)) continue;
     const Near to = near(b, at);
-    const auto close = to.gap < reach;
-    for (int k = 0; k < count; ++k)
-      if (close[k]) each(i + k, k, to);
+    const Places close = (to.gap < reach) & (lane < count);
+    if (any<float>(close)) each(i, count, close, to);
   }
 }
 
 Pushed push(const UpscaledBody& b, int n, float* x) {
-  Pushed all = {0, 0};
-  touching(b, n, x, 0.0f, [&](int i, int k, const Near& to) {
-    const float depth = -to.gap[k];
-    ++all.count;
-    if (depth > all.depth) all.depth = depth;
-    x[i] += depth * to.normal.x[k], x[i + n] += depth * to.normal.y[k], x[i + 2 * n] += depth * to.normal.z[k];
+  Places pushed = {};
+  F deepest = {};
+  touching(b, n, x, 0.0f, [&](int i, int count, const Places& close, const Near& to) {
+    const F depth = close ? -to.gap : F{}, normal[3] = {to.normal.x, to.normal.y, to.normal.z};
+    pushed -= close;
+    deepest = depth > deepest ? depth : deepest;
+    for (int a = 0; a < 3; ++a) {
+      float* p = x + i + a * n;
+      const F old = load_few(p, count);
+      store_few(p, close ? old + depth * normal[a] : old, count);
+    }
   });
+  Pushed all = {0, 0};
+  for (int k = 0; k < kWide; ++k) all.count += pushed[k], all.depth = deepest[k] > all.depth ? deepest[k] : all.depth;
   return all;
 }
 
 void stop(const UpscaledBody& b, int n, const float* x, float* v, float reach) {
-  touching(b, n, x, reach, [&](int i, int k, const Near& to) {
-    const float m[3] = {to.normal.x[k], to.normal.y[k], to.normal.z[k]};
-    const float u[3] = {to.velocity.x[k], to.velocity.y[k], to.velocity.z[k]};
-    float in = 0;
-    for (int a = 0; a < 3; ++a) in += m[a] * (v[i + a * n] - u[a]);
-    for (int a = 0; a < 3 && in < 0; ++a) v[i + a * n] -= in * m[a];
+  touching(b, n, x, reach, [&](int i, int count, const Places& close, const Near& to) {
+    const F m[3] = {to.normal.x, to.normal.y, to.normal.z}, u[3] = {to.velocity.x, to.velocity.y, to.velocity.z};
+    F old[3], in = {};
+    for (int a = 0; a < 3; ++a) old[a] = load_few(v + i + a * n, count), in += m[a] * (old[a] - u[a]);
+    const Places enters = close & (in < 0.0f);
+    if (!any<float>(enters)) return;
+    for (int a = 0; a < 3; ++a) store_few(v + i + a * n, enters ? old[a] - in * m[a] : old[a], count);
   });
 }
 

@@ -1,0 +1,176 @@
+// Fine cloths out of coarse ones, for Python: a member after the other, while its few vertices lie in the caches.
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include <algorithm>
+#include <limits>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "../base/arrays.hpp"
+#include "../base/threads.hpp"
+#include "../episode/core.hpp"
+#include "../module.hpp"
+#include "../nets/patch.hpp"
+#include "../nets/resample.hpp"
+#include "../sheet/sheet.hpp"
+#include "core.hpp"
+
+namespace nb = nanobind;
+
+namespace minicloth {
+namespace {
+
+using Fields = In<float, 4>;
+
+// What is found of a cloth: all finite, largest structural strain, kinetic energy per mass.
+using Health = std::tuple<bool, double, double>;
+
+class Fine {
+ public:
+  Fine(Sheet sheet, In<int, 1> firm, In<int, 1> near, In<int, 1> guides, In<float, 1> pull, double rounding,
+       double reach)
+      : sheet_(std::move(sheet)),
+        firm_(firm.data(), firm.data() + firm.size()),
+        near_(near.data(), near.data() + near.size()),
+        guides_(guides.data(), guides.data() + guides.size()),
+        pull_(pull.data(), pull.data() + pull.size()),
+        rounding_(rounding),
+        reach_(float(reach)) {
+    need(guides_.size() == near_.size() && pull_.size() == near_.size(), "as many guides and pulls as near");
+    const int n = sheet_.rows * sheet_.cols;
+    for (int i : firm_) need(i >= 0 && i < int(sheet_.handles.size()), "no such handle");
+    for (int i : firm_) held_.push_back(sheet_.handles[i]);
+    for (int i : near_) need(i >= 0 && i < n, "a near vertex is not one of the grid");
+    for (int i : guides_) need(i >= 0 && i < int(held_.size()), "no such guide");
+  }
+
+  // Fills x and v (B, 3, H, W) and says how sound they are. `guard` is the strain above which positions are
+  // interpolated by `cubic` instead.
+  std::vector<Health> fill(Fields coarse_x, Fields coarse_v, const PatchNet* net, In<float, 2> bias, const Grids* grids,
+                           const Grids* speeds, const Grids* cubic, double guard, In<double, 3> driven_x,
+                           In<double, 3> driven_v, Fields ends, Fields velocities, Out<float, 4> x, Out<float, 4> v,
+                           Out<int, 1> pushed, Out<float, 1> depth, Out<int, 1> guarded, int threads) const {
+    const std::size_t batch = x.shape(0), rows = sheet_.rows, cols = sheet_.cols, held = sheet_.handles.size();
+    const std::size_t h = coarse_x.shape(2), w = coarse_x.shape(3), n = 3 * rows * cols, few = 3 * h * w;
+    const std::initializer_list<std::size_t> cloth = {batch, 3, rows, cols}, driven = {batch, held, 3},
+                                             bodies = {batch, sheet_.bodies.size(), 2, 3};
+    need(shaped(x, cloth) && shaped(v, cloth), "x and v must be (B, 3, H, W)");
+    need(shaped(coarse_x, {batch, 3, h, w}) && shaped(coarse_v, {batch, 3, h, w}),
+         "coarse fields must be (B, 3, h, w)");
+    need(shaped(driven_x, driven) && shaped(driven_v, driven), "driven must be (B, N, 3)");
+    need(shaped(ends, bodies) && shaped(velocities, bodies), "colliders must be (B, C, 2, 3)");
+    need(shaped(pushed, {batch}) && shaped(depth, {batch}) && shaped(guarded, {batch}), "what is told must be (B,)");
+    need(!net || (bias.shape(0) >= batch && bias.shape(1) == std::size_t(net->biases) && h >= 3 && w >= 3),
+         "a network needs 3 x 3 vertices or more and its biases (B, n)");
+    need(!net || grids || (rows == 2 * h - 1 && cols == 2 * w - 1), "a network gives half the spacing");
+    for (const Grids* each : {net ? nullptr : grids, speeds, cubic})
+      need(!each || (each->h == int(h) && each->w == int(w)), "interpolation must start from the coarse grid");
+    need(!net || !grids || (grids->h == int(2 * h - 1) && grids->w == int(2 * w - 1)),
+         "interpolation after a network must start from half the spacing");
+    for (const Grids* each : {grids, speeds, cubic})
+      need(!each || (each->rows.count == int(rows) && each->cols.count == int(cols)), "interpolation to another grid");
+    std::vector<Health> all(batch);
+    nb::gil_scoped_release release;
+    for_each_member(batch, threads, [&](std::size_t b) {
+      float *const at = x.data() + b * n, *const speed = v.data() + b * n;
+      const float *from = coarse_x.data() + b * few, *moving = coarse_v.data() + b * few;
+      const double* there = driven_x.data() + b * 3 * held;
+      if (net)
+        upscale(*net, from, int(h), int(w), bias.data() + b * net->biases, grids, at);
+      else if (grids)
+        (*grids)(from, 3, at);
+      put(at, there);
+      guarded.data()[b] = cubic && !(check(at, at).strain <= guard);
+      if (guarded.data()[b]) (*cubic)(from, 3, at), put(at, there);
+      if (speeds) (*speeds)(moving, 3, speed);
+      put(speed, driven_v.data() + b * 3 * held);
+      if (!sheet_.bodies.empty()) {
+        const std::size_t first = b * sheet_.bodies.size() * 6;
+        const auto met = bodies_at(ends.data() + first, velocities.data() + first);
+        push_out(at, met, pushed.data()[b], depth.data()[b]);
+        stop_at(speed, at, met);
+      }
+      const Check found = check(at, speed);
+      all[b] = {found.finite, found.strain, found.kinetic};
+    });
+    return all;
+  }
+
+ private:
+  void put(float* field, const double* driven) const {
+    const Pulled pulled = {near_.data(), guides_.data(), pull_.data(), near_.size()};
+    place(field, std::size_t(sheet_.rows) * sheet_.cols, driven, firm_.data(), held_.data(), held_.size(), pulled,
+          rounding_);
+  }
+
+  Check check(const float* x, const float* v) const {
+    return lanes<StateLanes<float>>().check(x, v, sheet_.rows, sheet_.cols, float(sheet_.row_length),
+                                            float(sheet_.col_length), sheet_.periodic);
+  }
+
+  std::vector<UpscaledBody> bodies_at(const float* ends, const float* velocities) const {
+    std::vector<UpscaledBody> bodies(sheet_.bodies.size());
+    for (std::size_t c = 0; c < bodies.size(); ++c) {
+      bodies[c].plane = sheet_.bodies[c].plane, bodies[c].radius = float(sheet_.bodies[c].radius + sheet_.thickness);
+      std::copy_n(ends + 6 * c, 6, &bodies[c].ends[0][0]);
+      std::copy_n(velocities + 6 * c, 6, &bodies[c].velocities[0][0]);
+    }
+    return bodies;
+  }
+
+  // Calls work() while the held vertices of a field (3, n) are nowhere, near no body.
+  template <class Work>
+  void without_held(float* field, const Work& work) const {
+    constexpr float nowhere = std::numeric_limits<float>::quiet_NaN();
+    const std::size_t count = held_.size(), n = std::size_t(sheet_.rows) * sheet_.cols;
+    thread_local std::vector<float> memory;
+    memory.resize(3 * count);
+    float* const kept = memory.data();
+    for (std::size_t k = 0; k < 3; ++k)
+      for (std::size_t i = 0; i < count; ++i) kept[k * count + i] = std::exchange(field[k * n + held_[i]], nowhere);
+    work();
+    for (std::size_t k = 0; k < 3; ++k)
+      for (std::size_t i = 0; i < count; ++i) field[k * n + held_[i]] = kept[k * count + i];
+  }
+
+  // Bodies act one after the other, twice where there are several.
+  void push_out(float* x, const std::vector<UpscaledBody>& bodies, int& count, float& deepest) const {
+    count = 0, deepest = 0;
+    without_held(x, [&] {
+      for (int pass = 0; pass < 2 && (pass == 0 || (count > 0 && bodies.size() > 1)); ++pass)
+        for (const auto& body : bodies) {
+          const Pushed now = lanes<ProjectionLanes>().push(body, sheet_.rows * sheet_.cols, x);
+          if (pass == 0) count += now.count, deepest = std::max(deepest, now.depth);
+        }
+    });
+  }
+
+  void stop_at(float* v, const float* x, const std::vector<UpscaledBody>& bodies) const {
+    without_held(v, [&] {
+      for (const auto& body : bodies) lanes<ProjectionLanes>().stop(body, sheet_.rows * sheet_.cols, x, v, reach_);
+    });
+  }
+
+  Sheet sheet_;
+  std::vector<int> firm_, held_, near_, guides_;  // firm_ are the numbers of the handles held_
+  std::vector<float> pull_;
+  double rounding_;
+  float reach_;
+};
+
+}  // namespace
+
+void bind_fine(nb::module_& m) {
+  nb::class_<Fine>(m, "Fine", "Makes fine cloths out of coarse ones: upscaled, driven, outside all bodies.")
+      .def(nb::init<Sheet, In<int, 1>, In<int, 1>, In<int, 1>, In<float, 1>, double, double>(), nb::arg("sheet"),
+           nb::arg("firm"), nb::arg("near"), nb::arg("guides"), nb::arg("pull"), nb::arg("rounding"), nb::arg("reach"))
+      .def("fill", &Fine::fill, nb::arg("coarse_x"), nb::arg("coarse_v"), nb::arg("net").none(), nb::arg("bias"),
+           nb::arg("grids").none(), nb::arg("speeds").none(), nb::arg("cubic").none(), nb::arg("guard"),
+           nb::arg("driven_x"), nb::arg("driven_v"), nb::arg("ends"), nb::arg("velocities"), nb::arg("x"), nb::arg("v"),
+           nb::arg("pushed"), nb::arg("depth"), nb::arg("guarded"), nb::arg("threads"),
+           "Fills x and v (B, 3, H, W); per cloth: all finite, largest structural strain, kinetic energy [J/kg].");
+}
+
+}  // namespace minicloth

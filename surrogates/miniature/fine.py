@@ -1,0 +1,73 @@
+"""Fine cloths out of coarse ones, compiled: upscaled, put where they are driven, outside all bodies, checked."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from _minicloth_kernels import Fine as Kernel
+
+from cloth_envs.physics.solver import kernel_sheet
+from cloth_envs.scene import Scene
+from cloth_envs.state import Cloth, Controls, State
+from surrogates.miniature.handles import ROUNDING, Handles
+from surrogates.upscale.protocol import NOTHING, Upscaler, is_compiled
+
+GUARD = 0.5  # strain
+REACH = 1e-5  # m, within which a vertex is at the surface of a body
+
+
+class Fine:
+    """What ``upscaling`` says of a coarse cloth, and what handles and bodies make of that.
+
+    Handles are put where they are driven. Vertices that are nearer to a body than the scene's thickness are put on its
+    surface, along its normal, and lose the velocity into it; bodies act one after the other, where there are several,
+    twice. Handles stay where they are driven, inside or not.
+
+    Args:
+        scene: of the fine cloth. handles: how a coarse one follows its handles.
+        guard: interpolate a cloth bicubically where ``upscaling`` would strain an edge by over ``GUARD``.
+        threads: over members of the batch.
+
+    Attributes:
+        pushed, depth: of the last cloth of every member, how many vertices were put outside and by how much the
+            deepest [m]; ``(B,)``.
+        guarded: the members of which the last cloth was interpolated, ``(B,)``.
+    """
+
+    def __init__(
+        self, scene: Scene, handles: Handles, upscaling: Upscaler, *, guard: bool = False, threads: int = 1
+    ) -> None:
+        self._shape, self._upscaling, self._threads = scene.grid.shape, upscaling, threads
+        firm = handles.firm.astype(np.int32)  # numbers of those that are put in place
+        self._kernel = Kernel(
+            kernel_sheet(scene), firm, handles.near, handles.guides, handles.pull, rounding=ROUNDING, reach=REACH
+        )
+        self._cubic = upscaling.bicubic.kernel if guard else None
+        self.begin(0)
+
+    def begin(self, batch: int) -> None:
+        """There was no cloth so far of any of ``batch`` members."""
+        self.pushed, self.depth = np.zeros(batch, np.int32), np.zeros(batch, np.float32)
+        self._guarded = np.zeros(batch, np.int32)
+
+    @property
+    def guarded(self) -> np.ndarray:
+        return self._guarded.astype(bool)
+
+    def __call__(self, history: Sequence[State], controls: Controls) -> Cloth:
+        """The fine cloth at the newest state of ``history``, at the end of a frame under ``controls``."""
+        coarse, up = history[-1], self._upscaling
+        shape, speeds, (net, bias, grids) = (coarse.batch, 3, *self._shape), None, NOTHING
+        if is_compiled(up.positions):
+            positions, (net, bias, grids) = np.empty(shape, np.float32), up.recipe
+        else:
+            positions = up.positions(history)
+        if is_compiled(up.velocities):
+            velocities, speeds = np.empty(shape, np.float32), up.speeds
+        else:
+            velocities = up.velocities(history)
+        health = self._kernel.fill(
+            coarse.positions, coarse.velocities, net, bias, grids, speeds, self._cubic, GUARD,
+            controls.handle_positions, controls.handle_velocities, coarse.colliders, coarse.collider_velocities,
+            positions, velocities, self.pushed, self.depth, self._guarded, self._threads,
+        )  # fmt: skip
+        return Cloth(positions, velocities, health)
