@@ -39,9 +39,9 @@ def everything() -> str:
         options = {option: value for task in tasks for option, value in task.options.items()}
         presets.append([name, ", ".join(of), grids, ", ".join(f"{o} {value:g}" for o, value in options.items())])
     backends = [[name, about_backend(name)] for name in backend_names()]
-    fabrics = [["fabric", "kg/m^2", "stretch N/m", "shear N/m", "bend N m", "drag 1/s"]]
+    fabrics = [["fabric", "kg/m^2", "stretch N/m", "shear N/m", "bend N m"]]
     for name, m in FABRICS.items():
-        numbers = (m.areal_density, m.stretch_stiffness, m.shear_stiffness, m.bend_stiffness, m.drag)
+        numbers = (m.areal_density, m.stretch_stiffness, m.shear_stiffness, m.bend_stiffness)
         fabrics.append([name, *(f"{value:g}" for value in numbers)])
     parts = [table(scenes), table(presets), table([["backend", ""], *backends]), table(fabrics)]
     parts.append(table([["policy", ""], *([name, text] for name, text in POLICIES.items())]))

@@ -124,13 +124,16 @@ def air_bound(scene: Scene, material: Material, pressure: float = PRESSURE) -> f
 
     In still air cloth is taken to move at up to ``FASTEST``, and faster by what a ``pressure`` [Pa] can drive it to, at
     which ``rho/2 C_n v^2`` balances it. A triangle's force has the slopes ``rho/2 A`` times
-    ``2 C_n |u_n| + C_l |u_t|`` and ``C_l u_n`` along its normal, ``2 C_t |u_t|`` and ``C_t |u_t|`` in its plane. Their
-    matrix over ``rho A |u|`` is at most ``hypot(C_n, C_l / sqrt 2)``, or ``C_t`` with friction alone.
+    ``2 C_n |u_n| + C_l |u_t|`` and ``C_l u_n`` along its normal, ``2 C_t |u_t|`` and ``C_t |u_t|`` in its plane. The
+    norm of their matrix over ``rho A |u|`` is at most ``(C_n^2 + C_l^2 / 2 + C_t^2)^(1/2)``, without lift the larger
+    one of ``C_n`` and ``C_t``.
     """
     if scene.air is None:
         return 0.0
     air, speed = scene.air, max(2 * scene.air.max_wind, FASTEST)
-    slope = max(np.hypot(air.normal, air.lift / np.sqrt(2)), air.tangential)
+    slope = max(air.normal, air.tangential)
+    if air.lift > 0:
+        slope = np.sqrt(air.normal**2 + air.lift**2 / 2 + air.tangential**2)
     if scene.pressure and air.density * air.normal > 0:
         speed += np.sqrt(2 * abs(pressure) / (air.density * air.normal))
     return float(air.density * slope * speed / material.areal_density)

@@ -50,7 +50,7 @@ def scene_from_json(text: str, handles: tuple[int, ...] | None = None) -> Scene:
     ``handles`` are those of layouts 1 and 2, which kept them elsewhere.
     """
     parts = json.loads(text)
-    if "wind" in parts:  # of files up to 0.3: air was wind without lift, drag could be off, nothing resisted twist
+    if "wind" in parts:  # older files: air was wind without lift, drag could be off, nothing resisted twist
         wind, drag = parts.pop("wind"), parts.pop("drag")
         parts["air"] = wind and {
             "density": wind["air_density"], "normal": wind["normal"], "lift": 0.0,

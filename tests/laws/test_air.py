@@ -12,6 +12,7 @@ from worlds import G, bumpy, centre, flat, run, tube
 from cloth_envs.grid import Grid
 from cloth_envs.material import FABRICS, Material
 from cloth_envs.physics.laws.air import air_forces
+from cloth_envs.physics.solver import FASTEST, air_bound
 from cloth_envs.scene import Air, Scene
 from cloth_envs.scenes.flag import Flag
 from cloth_envs.state import Controls, State
@@ -134,3 +135,21 @@ def test_a_flag_flaps_the_faster_the_stronger_the_wind(fabric: str, limp: float,
     drag = np.mean([air_forces(scene, s.positions, s.velocities, controls.wind)[:, 0].sum((1, 2)) for s in states], 0)
     drag /= Air().density / 2 * winds**2 * grid.height * grid.width
     assert ((drag[2:] > 0.04) & (drag[2:] < 0.4)).all()
+
+
+@pytest.mark.parametrize("air", [Air(), Air(lift=0.0, tangential=2.0), Air(normal=0.3, tangential=0.5)])
+def test_the_step_allows_for_the_air(air: Air) -> None:
+    """The bound holds for the slope of the force itself, at all directions of the fastest speed that it is for."""
+    grid = Grid(3, 4, 0.2, 0.5)
+    scene = Scene("blown", grid, CLOTH, 0.02, air=air)
+    count, step, rng = 3 * grid.vertices, 1e-4, np.random.default_rng(0)
+    root = np.sqrt(np.broadcast_to(scene.mass, (3, *grid.shape)).ravel())
+    units, still = step * np.eye(count).reshape(-1, 3, *grid.shape), np.zeros((count, 3))
+    sizes = []
+    for angle in np.linspace(0, np.pi / 2, 7):
+        v = np.array([np.cos(angle), 0.0, np.sin(angle)])[:, None, None] + 0.01 * rng.normal(size=(3, *grid.shape))
+        v *= FASTEST / np.linalg.norm(v, axis=0).max()
+        ends = (air_forces(scene, np.repeat(flat(grid), count, 0), v + sign * units, still) for sign in (1, -1))
+        slope = np.subtract(*ends).reshape(count, count) / (2 * step)
+        sizes.append(np.linalg.norm(slope / root / root[:, None], 2))
+    assert 0.7 * air_bound(scene, CLOTH) < max(sizes) <= air_bound(scene, CLOTH)
