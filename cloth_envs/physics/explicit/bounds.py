@@ -1,4 +1,4 @@
-"""How long the steps of the explicit solver may be, and how far apart the impulses of slow forces."""
+"""How long the steps of the explicit solver may be, and for how many of them slow forces are held."""
 
 from functools import lru_cache
 
@@ -10,7 +10,7 @@ from cloth_envs.scene import Scene
 
 SAFETY = 0.9
 SHEAR = np.radians(15.0)  # of a cell, up to which its springs are bounded by their directions
-HELD = 8  # substeps between impulses, at most
+HELD = 8  # substeps for which slow forces are held, at most
 
 
 def directed_bound(scene: Scene, material: Material) -> float:
@@ -59,13 +59,12 @@ def stable_step(scene: Scene, material: Material, pressure: float = PRESSURE) ->
 
 
 @lru_cache(maxsize=1024)
-def intervals(scene: Scene, material: Material, h: float, pressure: float = PRESSURE) -> tuple[int, int]:
-    """After how many substeps of ``h`` [s] bending and the air act, 1 at least.
+def interval(scene: Scene, material: Material, h: float, pressure: float = PRESSURE) -> int:
+    """For how many substeps of ``h`` [s] bending, the air and pressure are held, 1 at least.
 
-    An impulse of a force of frequency ``w`` or rate ``c`` keeps ``k h w`` and ``k h c`` below 1.
+    Held for a time T at the position ``T / 2`` ahead, a force of frequency ``w`` neither gains nor takes energy while
+    ``w T < 2``: here below 1. The air, at velocities extrapolated by ``T / 2``, is stable for rates ``c T < 1``: here 1/2.
     """
-    bending = np.sqrt(stiffness_bound(scene, material)[1])
-    air = max(np.sqrt(pressure_bound(scene, material, pressure)), air_bound(scene, material, pressure))
-    most = (int(min(HELD, 1 / max(h * rate, 1e-9))) for rate in (bending, air))
-    bend_every, air_every = (max(every, 1) for every in most)
-    return bend_every, air_every
+    slow = stiffness_bound(scene, material)[1] + pressure_bound(scene, material, pressure)
+    rate = max(np.sqrt(slow), 2 * air_bound(scene, material, pressure))
+    return max(int(min(HELD, 1 / max(h * rate, 1e-9))), 1)

@@ -7,7 +7,7 @@ import numpy as np
 
 from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
-from cloth_envs.physics.explicit.bounds import intervals, stable_step
+from cloth_envs.physics.explicit.bounds import interval, stable_step
 from cloth_envs.physics.laws.diagnostics import strains
 from cloth_envs.physics.solver import PRESSURE, STRETCH, Solver, kernel_material, kernel_sheet
 from cloth_envs.scene import Scene
@@ -17,7 +17,7 @@ MAX_SUBSTEPS = 20_000  # per frame
 
 
 class ExplicitSolver(Solver):
-    """Velocity Verlet in equal substeps of a frame; bending and the air act as impulses every few of them (r-RESPA).
+    """Velocity Verlet in equal substeps of a frame; bending and the air are computed every few of them.
 
     The number of substeps comes from a bound on the spectrum (``stable_step``), so every
     material that is not refused is stable; a frame in a pressure of over 100 Pa is stepped in as many more as that
@@ -51,7 +51,7 @@ class ExplicitSolver(Solver):
         self._kernel = kernel(kernel_sheet(scene))
         self._stepped = [scene.material] * num_envs
         self._felt = [kernel_material(scene.material)] * num_envs
-        self.cuts = np.ones((num_envs, 3), np.int32)
+        self.cuts = np.ones((num_envs, 2), np.int32)
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
     def check_material(self, material: Material) -> None:
@@ -69,10 +69,10 @@ class ExplicitSolver(Solver):
 
     def _cut(
         self, material: Material, pressure: float = PRESSURE, cause: str = "this material"
-    ) -> tuple[int, int, int]:
-        """How a frame is cut: substeps, and after how many bending and the air act. Raises ValueError: see ``_count``."""
+    ) -> tuple[int, int]:
+        """How a frame is cut: substeps, and for how many slow forces are held. Raises ValueError: see ``_count``."""
         count = self._count(material, pressure, cause)
-        return count, *intervals(self.scene, material, self.scene.frame_dt / count, pressure)
+        return count, interval(self.scene, material, self.scene.frame_dt / count, pressure)
 
     def _count(self, material: Material, pressure: float = PRESSURE, cause: str = "this material") -> int:
         """Substeps in a frame. Raises ValueError: more than the limit, or fewer wanted than are stable."""

@@ -28,26 +28,11 @@ def total_forces(scene: Scene, materials: Materials, state: State, wind: np.ndar
     return force + pressure_forces(grid, x, pressure) if scene.pressure else force
 
 
-def slow_forces(scene: Scene, materials: Materials, state: State, controls: Controls, air: bool, bend: bool) -> Forces:
-    """What acts as impulses: bending, if ``bend``, and wind and pressure, if ``air``."""
+def slow_forces(scene: Scene, materials: Materials, state: State, controls: Controls) -> Forces:
+    """Bending, air and pressure: what is held for some substeps."""
     grid, x = scene.grid, state.positions
-    force = bend_forces(grid, materials, x) if bend else np.zeros_like(x)
-    if air:
-        force = force + air_forces(scene, x, state.velocities, controls.wind)
-    return force + pressure_forces(grid, x, controls.pressure) if air and scene.pressure else force
-
-
-def impulse_share(substep: int, every: int, count: int) -> float:
-    """How many of a frame's ``count`` substeps the impulse at the start of ``substep`` stands for, 0 for no impulse.
-
-    Impulses come every ``every`` substeps and at the end of the frame; each stands for half of the time to the one
-    before and to the one after it.
-    """
-    if substep % every and substep != count:
-        return 0.0
-    last = (count - 1) // every * every
-    before = last if substep == count else max(substep - every, 0)
-    return (min(substep + every, count) - before) / 2
+    force = bend_forces(grid, materials, x) + air_forces(scene, x, state.velocities, controls.wind)
+    return force + pressure_forces(grid, x, controls.pressure) if scene.pressure else force
 
 
 def step(
@@ -57,16 +42,16 @@ def step(
     substeps: int | np.ndarray,
     materials: Materials | None = None,
 ) -> State:
-    """One frame by velocity Verlet with impulses (r-RESPA, Tuckerman et al. 1992); the result is in float64.
+    """One frame by velocity Verlet, with slow forces held for a few substeps; the result is in float64.
 
-    ``substeps`` is a number for all, or of each cloth ``(B, 3)``: their number, and after how many of them bending and
-    the air act. ``materials`` default to the scene's. At the start of a substep of length h:
-    ``v <- v D + (F + s G) / m h phi`` with ``F`` springs with their dashpots and weight, ``G`` bending and air, ``s`` the
-    substeps that their impulse stands for (``impulse_share``), ``D = exp(-drag h)``, ``phi = (1 - D) / (drag h)``
-    (exact for a constant force); half of it (h / 2) in a frame's first, and again at its end. Then ``x <- x + h v``,
-    contact with every body in turn; handles go, or are drawn, to their cubics (``put_handles``). The air sees velocities with half
-    of what its impulse, as large as the last one, will change. Velocities at the end are those that contact leaves of
-    them if they go on for half a substep.
+    ``substeps`` is a number for all, or of each cloth ``(B, 2)``: their number, and for how many of them slow forces are
+    held. ``materials`` default to the scene's. At the start of a substep of length h:
+    ``v <- v D + (F + G) / m h phi`` with ``F`` springs with their dashpots and weight, ``G`` bending and air,
+    ``D = exp(-drag h)``, ``phi = (1 - D) / (drag h)`` (exact for a constant force); half of it (h / 2) in a frame's
+    first, and again at its end. Then ``x <- x + h v``, contact with every body in turn; handles go, or are drawn, to
+    their cubics (``put_handles``). ``G`` is that of the middle of the time for which it is held: of positions that go on
+    as they move, and for the air of velocities that go on changing as since it was last computed. Velocities at the end
+    are those that contact leaves of them if they go on for half a substep.
     """
     materials = [scene.material] * state.batch if materials is None else materials
     if isinstance(substeps, np.ndarray):
@@ -75,39 +60,34 @@ def step(
             one = Controls(**{name: value[[i]] for name, value in vars(controls).items()})
             out.assign([i], _frame(scene, state.select([i]), one, *map(int, cut), [materials[i]]))
         return out
-    return _frame(scene, state, controls, substeps, 1, 1, materials)
+    return _frame(scene, state, controls, substeps, 1, materials)
 
 
 def _frame(
-    scene: Scene, state: State, controls: Controls, count: int, bend_every: int, air_every: int, materials: Materials
+    scene: Scene, state: State, controls: Controls, count: int, held: int, materials: Materials
 ) -> State:
     """A frame of ``count`` substeps."""
     old, now = state.astype(np.float64), state.astype(np.float64)
     h, mass = scene.frame_dt / count, masses(scene.grid, materials)
     decay = h * values(materials, "drag")[:, :, None, None]
     weight = gravity_forces(scene.grid, materials, now.positions, scene.gravity)
-    kick, before = np.zeros_like(now.positions), 0.0  # the air's last impulse, and its share
     stiffness = np.array([m.stretch_stiffness / m.areal_density for m in materials])
-    bends = any(material.bend_stiffness > 0 for material in materials)
-
-    def change(decay: np.ndarray) -> np.ndarray:
-        return np.divide(-np.expm1(-decay), decay, out=np.ones_like(decay), where=decay > 0)
-
+    part = np.ones(count + 1)  # of a substep's kick
+    part[[0, -1]] = 0.5
     for substep in range(count + 1):
-        part = 0.5 if substep in (0, count) else 1.0
-        bend, air = bends * impulse_share(substep, bend_every, count), impulse_share(substep, air_every, count)
-        impulse = np.zeros_like(now.positions)
-        if air:
-            seen = now.copy()
-            if before:
-                seen.velocities = now.velocities + air / 2 / before * kick / mass * h * change(decay)
-            kick = impulse = air / part * slow_forces(scene, materials, seen, controls, air=True, bend=False)
-            before = air / part
-        if bend:
-            impulse = impulse + bend / part * slow_forces(scene, materials, now, controls, air=False, bend=True)
-        force = damped_spring_forces(scene.grid, materials, now.positions, now.velocities) + weight
-        push = h * part * change(part * decay) / mass
-        now.velocities = now.velocities * np.exp(-part * decay) + (force + impulse) * push
+        if substep < count and substep % held == 0:
+            last = substep + held if substep + held < count else count + 1
+            later = h * np.average(np.arange(last - substep), weights=part[substep:last])
+            then = now.copy()
+            then.positions = now.positions + later * now.velocities
+            if substep:  # velocities are half a substep old, but at a frame's start
+                since = h * (held if substep > held else held - 0.5)
+                then.velocities = now.velocities + (later + h / 2) / since * (now.velocities - before)
+            before, slow = now.velocities, slow_forces(scene, materials, then, controls)
+        force = damped_spring_forces(scene.grid, materials, now.positions, now.velocities) + weight + slow
+        lost = part[substep] * decay
+        push = h * part[substep] * np.divide(-np.expm1(-lost), lost, out=np.ones_like(lost), where=lost > 0) / mass
+        now.velocities = now.velocities * np.exp(-lost) + force * push
         if substep < count:
             start, s = now.positions, (substep + 1) / count
             now.positions = start + h * now.velocities
@@ -115,10 +95,10 @@ def _frame(
             resolve_contact(scene, now, start, now.colliders, bodies, h)
             now.colliders = bodies
         elif scene.colliders:
-            s, trial = 1 + 0.5 / count, now.copy()
+            trial, ahead = now.copy(), bodies_at(scene, old, controls, 1 + 0.5 / count)[0]
             trial.positions = now.positions + h / 2 * now.velocities
-            resolve_contact(scene, trial, now.positions, now.colliders, bodies_at(scene, old, controls, s)[0], h / 2)
-            now.velocities, s = trial.velocities, 1.0
+            resolve_contact(scene, trial, now.positions, now.colliders, ahead, h / 2)
+            now.velocities = trial.velocities
         put_handles(scene, old, now, controls, s, stiffness, h if substep < count else 0.0)
     now.collider_velocities = np.array(controls.collider_velocities, np.float64)
     now.wind, now.pressure = controls.wind.copy(), controls.pressure.copy()

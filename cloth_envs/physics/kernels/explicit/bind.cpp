@@ -17,12 +17,12 @@ void advance_explicit(const Explicit<T>& solver, const PythonState& old, const P
                       int threads) {
   const Frames<T> frames(solver.sheet(), old, now, controls);
   const std::size_t batch = frames().size();
-  need(materials.size() == batch && shaped(substeps, {batch, 3}), "materials must be B, substeps (B, 3)");
+  need(materials.size() == batch && shaped(substeps, {batch, 2}), "materials must be B, substeps (B, 2)");
   std::vector<Substeps> cuts;
   for (std::size_t b = 0; b < batch; ++b) {
-    const int* const cut = substeps.data() + 3 * b;
-    need(cut[0] >= 1 && cut[1] >= 1 && cut[2] >= 1, "substeps must be at least 1");
-    cuts.push_back({cut[0], cut[1], cut[2]});
+    const int* const cut = substeps.data() + 2 * b;
+    need(cut[0] >= 1 && cut[1] >= 1, "substeps must be at least 1");
+    cuts.push_back({cut[0], cut[1]});
   }
   need(threads >= 1, "threads must be at least 1");
   nb::gil_scoped_release release;
@@ -35,8 +35,8 @@ void bind_explicit(nb::module_& m, const char* name) {
       .def(nb::init<Sheet>(), nb::arg("sheet"))
       .def("advance", &advance_explicit<T>, nb::arg("old"), nb::arg("new"), nb::arg("controls"), nb::arg("materials"),
            nb::arg("substeps"), nb::arg("threads"),
-           "A frame from old to the positions and velocities of new, of each cloth's material. substeps (B, 3): their "
-           "number, and after how many of them bending and the air act.");
+           "A frame from old to the positions and velocities of new, of each cloth's material. substeps (B, 2): their "
+           "number, and for how many of them bending and the air are held.");
 }
 
 }  // namespace

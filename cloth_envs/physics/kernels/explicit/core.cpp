@@ -19,10 +19,10 @@ struct Workspace {
   Plane<T> memory;
   Fields<T> prepare(const Strips<T>& s) {
     const std::size_t line = (s.cols + 2) * 4 * s.width;
-    memory.assign(6 * s.field + 4 * line, T(0));
+    memory.assign(7 * s.field + 4 * line, T(0));
     T* at = memory.data();
     Fields<T> f;
-    for (T** field : {&f.x, &f.y, &f.v, &f.impulse, &f.air, &f.mid}) *field = std::exchange(at, at + s.field);
+    for (T** field : {&f.x, &f.y, &f.v, &f.slow, &f.ahead, &f.mid, &f.past}) *field = std::exchange(at, at + s.field);
     for (T** row : {&f.arrive, &f.first, &f.low, &f.start}) *row = std::exchange(at, at + line) + 4 * s.width;
     return f;
   }
@@ -50,6 +50,16 @@ void put_slow(SlowTerms<T>& t, int l, const Material& m, const Sheet& sheet, con
   t.normal[l] = air.normal, t.lift[l] = air.lift, t.tangential[l] = air.tangential;
   t.half_pressure[l] = turned ? -air.half_pressure : air.half_pressure;  // normals turn round
   for (int k = 0; k < 3; ++k) t.wind[k][l] = air.wind[k];
+}
+
+// From substep `first` to the middle of the kicks until `end`, in substeps; a frame's first and last kick are half.
+double middle(int first, int end, int count) {
+  double all = 0, moment = 0;
+  for (int k = first; k < end + (end == count); ++k) {
+    const double share = k == 0 || k == count ? 0.5 : 1;
+    all += share, moment += share * (k - first);
+  }
+  return moment / all;
 }
 
 template <class T>
@@ -112,23 +122,18 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     yields |= material.yields(), bends |= material.bend_stiffness > 0;
   }
 
-  const int air = sheet_.air ? 2 : sheet_.pressure;
-  Impulses bend(bends, substeps.bend_every, count), blow(air, substeps.air_every, count);
-  double before = 0;  // share of the last impulse of the air
+  const int air = sheet_.air ? 2 : sheet_.pressure, held = substeps.held;
   for (int k = 0; k <= count; ++k) {
-    const double bending = bend.due(k), blowing = blow.due(k), end = std::min(k + 1, count) / double(count);
-    const bool impulses = bending > 0 || blowing > 0;
-    if (impulses) {
-      const double coming = k < count ? blowing : blowing / 2;
-      std::fill_n(slow.bend_share, width, T(bending)), std::fill_n(slow.air_share, width, T(blowing));
-      std::fill_n(slow.ahead, width, T(before > 0 ? coming / (2 * before) : 0));
-      kernels.slow[bending > 0][blowing > 0 ? air : 0](s, f, slow, full);
-      if (blowing > 0) before = blowing;
+    if (k < count && k % held == 0 && (bends || air)) {
+      const double later = middle(k, std::min(k + held, count), count), since = k > held ? held : held - 0.5;
+      std::fill_n(slow.later, width, T(h * later));
+      slow.trend = T(k ? (later + 0.5) / since : 0);  // velocities are half a substep old, but at a frame's start
+      kernels.slow[bends][air](s, f, slow);
     }
-    const std::vector<BodyLanes<T>>& now = bodies.to(k < count ? end : 1 + 0.5 / count);
+    const std::vector<BodyLanes<T>>& now = bodies.to((k + (k < count ? 1 : 0.5)) / count);
     const Part part = k == count ? Part::kLast : now.empty() ? Part::kFree : Part::kBodies;
-    kernels.step[yields][impulses][int(part)](s, f, k == count ? last : k ? full : half, now);
-    handles.hold(f, full, width, end, k < count ? h : 0);
+    kernels.step[yields][int(part)](s, f, k == count ? last : k ? full : half, now);
+    handles.hold(f, full, width, std::min(k + 1, count) / double(count), k < count ? h : 0);
   }
   for (std::size_t m = 0; m < members.size(); ++m) take_cloth(s, sheet_, f, int(m), frames[members[m]]);
 }

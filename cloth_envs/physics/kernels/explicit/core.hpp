@@ -1,4 +1,5 @@
-// The explicit solver: frames of velocity Verlet substeps, with slow forces as impulses, for a batch of cloths.
+// The explicit solver: frames of velocity Verlet substeps for a batch of cloths; bending and the air, which change
+// slowly, are computed every few of them.
 #pragma once
 #include <utility>
 #include <vector>
@@ -14,7 +15,8 @@ namespace minicloth {
 template <class T>
 struct Fields {
   T *x, *y, *v;             // positions, those `damping` times the velocity later, velocities
-  T *impulse, *air, *mid;   // slow forces [N] times substeps, those of the air, velocities that it sees
+  T* slow;                  // forces that are held for some substeps [N]
+  T *ahead, *mid, *past;    // positions and velocities that they are computed with; velocities when they last were
   // Rows: what edges from the row above bring, and those of the first row; the air on the row below; where a row was.
   T *arrive, *first, *low, *start;
 };
@@ -36,7 +38,8 @@ struct SlowTerms {
   alignas(64) Lanes<T> bend, twist;                  // N m, over a plate's
   Lanes<T> normal, lift, tangential, half_pressure;  // AirTerms
   Lanes<T> wind[3];                                  // m/s
-  Lanes<T> bend_share, air_share, ahead;             // substeps; of the last impulses, in the velocities for the air
+  Lanes<T> later;                                    // s, from now to the middle of the time that they are held
+  T trend;                                           // of the velocities since `past`, how much will be added by then
 };
 
 // A substep without bodies or with them, and the half kick at the end of a frame.
@@ -45,22 +48,20 @@ enum class Part { kFree, kBodies, kLast };
 template <class T>
 struct ExplicitLanes {
   int width;
-  // A substep of springs, dampers, gravity, drag, the impulses if they are due, and contact with bodies.
+  // A substep of springs, dampers, gravity, drag, the slow forces and contact with bodies.
   using Step = void (*)(const Strips<T>&, const Fields<T>&, const StepTerms<T>&, const std::vector<BodyLanes<T>>&);
-  Step step[2][2][3];  // [springs yield under compression][impulses][Part]
-  // The impulses of bending and of the air.
-  using Slow = void (*)(const Strips<T>&, const Fields<T>&, const SlowTerms<T>&, const StepTerms<T>&);
+  Step step[2][3];  // [springs yield under compression][Part]
+  // Bending and the air.
+  using Slow = void (*)(const Strips<T>&, const Fields<T>&, const SlowTerms<T>&);
   Slow slow[2][3];  // [bending][no air, pressure alone, air and pressure]
 };
 DECLARE_LANES(ExplicitLanes<float>)
 DECLARE_LANES(ExplicitLanes<double>)
 
-// How a cloth's frame is cut: substeps, and after how many of them bending and the air act.
+// How a cloth's frame is cut: substeps, and for how many of them slow forces are held.
 struct Substeps {
-  int count, bend_every, air_every;
-  bool operator==(const Substeps& o) const {
-    return count == o.count && bend_every == o.bend_every && air_every == o.air_every;
-  }
+  int count, held;
+  bool operator==(const Substeps& o) const { return count == o.count && held == o.held; }
 };
 
 template <class T>

@@ -1,4 +1,4 @@
-// What moves lanes of cloths from outside during a frame: handles, bodies, and when slow forces act.
+// What moves lanes of cloths from outside during a frame: handles and bodies.
 #pragma once
 #include <algorithm>
 #include <cstddef>
@@ -83,24 +83,6 @@ class LaneBodies {
   };
   std::vector<BodyLanes<T>> bodies_;
   std::vector<Bodies> lanes_;
-};
-
-// Impulses of a force that acts after every few of a frame's substeps: half of the time around each is its share, in
-// substeps. The first and the last kick of a frame count half, so theirs is twice that.
-class Impulses {
- public:
-  Impulses(bool on, int every, int count) : every_(on ? every : 0), count_(count) {}
-  // At the start of substep k, or at the end of the frame (k = count): 0 if none is due.
-  double due(int k) {
-    if (every_ == 0 || (k % every_ && k != count_)) return 0;
-    const int next = std::min(every_, count_ - k);
-    const double share = k == 0 ? next : k == count_ ? before_ : 0.5 * (before_ + next);
-    before_ = next;
-    return share;
-  }
-
- private:
-  int every_, count_, before_ = 0;
 };
 
 }  // namespace minicloth

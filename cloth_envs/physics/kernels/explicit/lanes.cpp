@@ -15,10 +15,8 @@ namespace {
 template <class T>
 const ExplicitLanes<T> instance = {
     kLanes<T>,
-    {{{step<T, false, false, Part::kFree>, step<T, false, false, Part::kBodies>, step<T, false, false, Part::kLast>},
-      {step<T, false, true, Part::kFree>, step<T, false, true, Part::kBodies>, step<T, false, true, Part::kLast>}},
-     {{step<T, true, false, Part::kFree>, step<T, true, false, Part::kBodies>, step<T, true, false, Part::kLast>},
-      {step<T, true, true, Part::kFree>, step<T, true, true, Part::kBodies>, step<T, true, true, Part::kLast>}}},
+    {{step<T, false, Part::kFree>, step<T, false, Part::kBodies>, step<T, false, Part::kLast>},
+     {step<T, true, Part::kFree>, step<T, true, Part::kBodies>, step<T, true, Part::kLast>}},
     {{slow<T, false, kStill>, slow<T, false, kPressure>, slow<T, false, kMoving>},
      {slow<T, true, kStill>, slow<T, true, kPressure>, slow<T, true, kMoving>}},
 };

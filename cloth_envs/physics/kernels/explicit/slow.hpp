@@ -1,4 +1,4 @@
-// Bending and the air, whose forces act as impulses. Included where it is compiled for an instruction set.
+// Bending and the air, forces that change slowly. Included where it is compiled for an instruction set.
 #pragma once
 #include "../sheet/air.hpp"
 #include "ghosts.hpp"
@@ -41,7 +41,7 @@ struct Blow {
 template <class T, Air kAir>
 void slow_air(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
   constexpr int n = kLanes<T>, q = 3 * n;
-  const V<T> share = load(p.air_share) / T(6);
+  const V<T> share = V<T>{} + T(1) / T(6);
   const Blow<T> blow = {load(p.normal), load(p.lift), load(p.tangential), load(p.half_pressure)};
   const V3<T> wind = {T(3) * load(p.wind[0]), T(3) * load(p.wind[1]), T(3) * load(p.wind[2])};
   const int cells = s.periodic ? s.cols : s.cols - 1;
@@ -50,11 +50,12 @@ void slow_air(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
     const V<T> part = share * load(s.cell.data() + r * n);
     V3<T> own_before = {}, low_before = {};
     const auto put_corners = [&](int c, const V3<T>& own, const V3<T>& low) __attribute__((always_inline)) {
-      set<T>(f.air + s.at(r, c), own + get<T>(f.low + c * q));
+      T* const to = f.slow + s.at(r, c);
+      set<T>(to, get<T>(to) + (own + get<T>(f.low + c * q)));
       set<T>(f.low + c * q, low);
     };
     for (int c = 0; c < cells; ++c) {
-      const T *const x = f.x + s.at(r, c), *const v = f.mid + s.at(r, c);
+      const T *const x = f.ahead + s.at(r, c), *const v = f.mid + s.at(r, c);
       const V3<T> at = get<T>(x), right = get<T>(x + q) - at, down = get<T>(x + s.stride) - at;
       const V3<T> across = get<T>(x + s.stride + q) - at;
       const V3<T> n1 = cross(down, across), n2 = cross(down, right), n3 = cross(across, right), n0 = (n1 + n3) - n2;
@@ -75,14 +76,14 @@ void slow_air(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
       own_before = part * (all - f1), low_before = part * (all - f2);
     }
     if (s.periodic) {
-      T* const to = f.air + s.at(r, 0);
+      T* const to = f.slow + s.at(r, 0);
       set<T>(to, get<T>(to) + own_before), set<T>(f.low, get<T>(f.low) + low_before);
     } else {
       put_corners(cells, own_before, low_before);
     }
   }
   for (int c = 0; s.banded && c < s.cols; ++c) {
-    T* const to = f.air + s.at(0, c);
+    T* const to = f.slow + s.at(0, c);
     set<T>(to, get<T>(to) + earlier(get<T>(f.low + c * q)));
   }
 }
@@ -90,11 +91,11 @@ void slow_air(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
 template <class T>
 void slow_bending(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
   constexpr int n = kLanes<T>, q = 3 * n;
-  const V<T> share = load(p.bend) * load(p.bend_share), twist = load(p.twist) * s.twist;
+  const V<T> stiffness = load(p.bend), twist = load(p.twist) * s.twist;
   const int cols = s.cols;
   for (int r = 0; r < s.rows; ++r) {
     Bending<T> b(s, twist, r);
-    const T* const row = f.x + s.at(r, 0);
+    const T* const row = f.ahead + s.at(r, 0);
     const auto x = [&](int down, int c) __attribute__((always_inline)) {
       return get<T>(row + down * s.stride + c * q);
     };
@@ -116,7 +117,7 @@ void slow_bending(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p)
       const V<T> part = V<T>{} + column;
       const V3<T> force = ((b.now - b.before) + (b.now - after)) + part * ((middle - above) + (middle - below)) +
                           ((b.twist - twist) + (twist_above - b.twist_above));
-      set<T>(f.impulse + s.at(r, c), share * force);
+      set<T>(f.slow + s.at(r, c), stiffness * force);
       b.before = b.now, b.now = after, b.twist = twist, b.twist_above = twist_above;
       here = right, right = far, up = up_right, down = down_right;
     };
@@ -131,30 +132,27 @@ void slow_bending(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p)
   }
 }
 
+// The forces in the middle of the time for which they are held, as positions and velocities let expect it.
 template <class T, bool kBend, Air kAir>
-void slow(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p, const StepTerms<T>& full) {
-  constexpr int n = kLanes<T>, q = 3 * n;
-  ghosts(s, f.x, kBend ? 2 : 0, kBend ? 2 : 1);
-  if constexpr (kAir == kMoving) {  // velocities in the middle of the impulse to come, as the last one lets expect
-    const V<T> ahead = load(p.ahead) * load(full.accelerate);
-    for (int r = 0; r < s.rows; ++r) {
-      const V<T> inner = ahead * load(s.inverse_area.data() + r * n);
-      for (int c = 0; c < s.cols; ++c) {
-        const std::ptrdiff_t i = s.at(r, c);
-        const V<T> kick = !s.periodic && (c == 0 || c == s.cols - 1) ? T(2) * inner : inner;
-        set<T>(f.mid + i, get<T>(f.v + i) + kick * get<T>(f.air + i));
+void slow(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
+  constexpr int q = 3 * kLanes<T>;
+  const V<T> later = load(p.later), trend = V<T>{} + p.trend;
+  for (int r = 0; r < s.rows; ++r)
+    for (std::ptrdiff_t i = s.at(r, 0); i < s.at(r, s.cols); i += q) {
+      const V3<T> v = get<T>(f.v + i);
+      set<T>(f.ahead + i, get<T>(f.x + i) + later * v);
+      if constexpr (kAir == kMoving) {
+        set<T>(f.mid + i, v + trend * (v - get<T>(f.past + i)));
+        set<T>(f.past + i, v);
       }
     }
-    ghosts(s, f.mid, 0, 1);
-  }
+  ghosts(s, f.ahead, kBend ? 2 : 0, kBend ? 2 : 1);
+  if constexpr (kAir == kMoving) ghosts(s, f.mid, 0, 1);
+  if constexpr (kBend)
+    slow_bending(s, f, p);
+  else
+    for (int r = 0; r < s.rows; ++r) std::fill_n(f.slow + s.at(r, 0), s.cols * q, T(0));
   if constexpr (kAir != kStill) slow_air<T, kAir>(s, f, p);
-  if constexpr (kBend) slow_bending(s, f, p);
-  if constexpr (kAir != kStill)
-    for (int r = 0; r < s.rows; ++r)
-      for (std::ptrdiff_t i = s.at(r, 0); i < s.at(r, s.cols); i += q) {
-        const V3<T> air = get<T>(f.air + i);
-        set<T>(f.impulse + i, kBend ? get<T>(f.impulse + i) + air : air);
-      }
 }
 
 }  // namespace

@@ -119,7 +119,7 @@ inline Pulls<T> earlier(const Pulls<T>& p) {
 
 // Every edge is evaluated once, at the vertex that it leaves towards column + 1, row + 1 or a diagonal, of which all are
 // still where they were; then the vertex moves. f = k (1 - L / |d + damping w|) d: the dashpot lies in the length.
-template <class T, bool kYields, bool kImpulses, Part kPart>
+template <class T, bool kYields, Part kPart>
 void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies) {
   constexpr int n = kLanes<T>, q = 3 * n, w = 4 * n;
   const int cols = s.cols;
@@ -128,7 +128,7 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
   const V<T> accelerate = load(p.accelerate), decay = load(p.decay), dt = load(p.dt);
   const V<T> yields = load(p.yields), buckled = load(p.buckled), buckling = load(p.buckling);
   const V<T> shortened_damping = load(p.shortened_damping);
-  const std::ptrdiff_t to_x = f.x - f.y, to_v = f.v - f.y, to_impulse = f.impulse - f.y;
+  const std::ptrdiff_t to_x = f.x - f.y, to_v = f.v - f.y, to_slow = f.slow - f.y;
   T* const arrive = f.arrive;
   ghosts(s, f.x, 0, 1), ghosts(s, f.y, 0, 1);
 
@@ -154,8 +154,7 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
   const auto move = [&](T* y, const V3<T>& x, const Pulls<T>& all, const V<T>& kick, const V<T>& fall)
                         __attribute__((always_inline)) {
     const V3<T> v = get<T>(y + to_v);
-    V3<T> force = all.to - all.over * x;
-    if constexpr (kImpulses) force = force + get<T>(y + to_impulse);
+    const V3<T> force = (all.to - all.over * x) + get<T>(y + to_slow);
     const V3<T> u = {decay * v.x + kick * force.x, decay * v.y + kick * force.y, (decay * v.z - fall) + kick * force.z};
     set<T>(y + to_v, u);
     if constexpr (kPart == Part::kLast) return;
