@@ -49,12 +49,11 @@ def test_a_sheet_slides_down_a_steeper_slope(kind: str) -> None:
         t = np.arange(16) * scene.frame_dt
         way = (centre(scene, states) - centre(scene, states)[0]) @ downhill
         law = G * (np.sin(angle) - MU * np.cos(angle))
-        # Symplectic Euler sums a h^2 n (n + 1) / 2. On round bodies the corners first fall (0.05 m)^2 / R
+        # Velocity Verlet is exact for a constant force. On round bodies the corners first fall (0.05 m)^2 / R
         # without friction, for a time sqrt(2 fall / (g cos)); the slope changes by the way over R.
         fall = (2 * 0.05**2 / HUGE / (G * np.cos(angle))) ** 0.5
         slack = 1e-10 if kind == "plane" else MU * G * fall * t[-1] + G * t[-1] ** 2 * (0.05 + way[-1]) / HUGE
-        np.testing.assert_allclose(way, law * t * (t + h) / 2, atol=slack)
-        assert abs(way[-1] - law * t[-1] ** 2 / 2) <= law * t[-1] * h / 2 + slack
+        np.testing.assert_allclose(way, law * t * t / 2, atol=slack)
 
 
 @pytest.mark.parametrize("pull", [0.8, 1.5])

@@ -30,11 +30,9 @@ def test_centre_of_mass_falls_freely_whatever_the_sheet_does(grid: Grid) -> None
     t = 10 * scene.frame_dt
     start, speed = centre(scene, states)[0], centre(scene, states, "velocities")[0]
     fallen = centre(scene, states)[-1] - start - speed * t
-    # symplectic Euler: z = -g h^2 n (n + 1) / 2 = -g t^2 / 2 - g t h / 2, and the sideways motion is exact.
-    # Roundoff: n steps of size eps |x|.
+    # Velocity Verlet is exact for a constant force. Roundoff: n steps of size eps |x|.
     round_off = t / h * EPS * abs(states[-1].positions).max()
-    np.testing.assert_allclose(fallen, [0, 0, -G * t * (t + h) / 2], atol=round_off)
-    assert abs(fallen[2] + G * t * t / 2) <= G * t * h / 2 + round_off
+    np.testing.assert_allclose(fallen, [0, 0, -G * t * t / 2], atol=round_off)
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -67,7 +65,7 @@ def test_momentum_and_angular_momentum_are_conserved(grid: Grid) -> None:
         p = (scene.mass * state.velocities[0]).reshape(3, -1)
         return p.sum(1), np.cross(state.positions[0].reshape(3, -1), p, axis=0).sum(1)
 
-    states, h = run(scene, moving(grid), frames=10)
+    states, h = run(scene, moving(grid), frames=10, held=1)  # bending held for more turns a little late
     # Each substep rounds every vertex's momentum by eps m |v|, its arm by eps |x|. The velocity in a
     # substep also takes h F/m, F of about k L: what cancels in pairs is rounded by eps h k |x|.
     steps, x, v = 10 * scene.frame_dt / h, abs(states[-1].positions).max(), abs(states[0].velocities).max()
@@ -96,7 +94,7 @@ def test_drag_leads_to_the_terminal_velocity() -> None:
     round_off = 4 * EPS * t[-1] / h * G / rate
     np.testing.assert_allclose(speed, -G / rate * (1 - np.exp(-rate * t)), atol=round_off)
     assert abs(speed[-1] + G / rate) <= G / rate * np.exp(-rate * t[-1]) + round_off
-    # x <- x + h v sums the velocity at the substeps' ends: too far by h/2 (v_end - v_start).
+    # Positions are off by a share of (h rate)^2 of what they lag behind free flight.
     height = -G / rate * (t - (1 - np.exp(-rate * t)) / rate)
     off = centre(scene, states)[:, 2] - height
-    np.testing.assert_allclose(off, h / 2 * speed, atol=h * h * G)
+    np.testing.assert_allclose(off, 0, atol=h * h * G)

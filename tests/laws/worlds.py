@@ -59,14 +59,18 @@ def run(
     frames: int = 1,
     *,
     substeps: int | None = None,
+    held: int | None = None,
     dtype: str = "float64",
 ) -> tuple[list[State], float]:
     """States at the frames' ends, the start included, and the substep's length [s].
 
-    ``drive`` gives the controls: fixed, a function of frame number and state, or None to hold everything.
+    ``drive`` gives the controls: fixed, a function of frame number and state, or None to hold everything. ``held`` is for
+    how many substeps slow forces are held, instead of what the solver would choose.
     """
     backend = ExplicitSolver(scene, num_envs=state.batch, dtype=dtype, substeps=substeps)
     backend.reset(state)
+    if held is not None:
+        backend.cuts[:, 1] = held
     states = [backend.state.copy()]
     drive = Controls.hold(state, scene.handles) if drive is None else drive
     for frame in range(frames):

@@ -75,9 +75,9 @@ def _frame(
     part = np.ones(count + 1)  # of a substep's kick
     part[[0, -1]] = 0.5
     for substep in range(count + 1):
-        if substep < count and substep % held == 0:
-            last = substep + held if substep + held < count else count + 1
-            later = h * np.average(np.arange(last - substep), weights=part[substep:last])
+        if substep % held == 0:
+            kicks = part[substep : substep + held]
+            later = h * np.average(np.arange(len(kicks)), weights=kicks)
             then = now.copy()
             then.positions = now.positions + later * now.velocities
             if substep:  # velocities are half a substep old, but at a frame's start

@@ -52,10 +52,10 @@ void put_slow(SlowTerms<T>& t, int l, const Material& m, const Sheet& sheet, con
   for (int k = 0; k < 3; ++k) t.wind[k][l] = air.wind[k];
 }
 
-// From substep `first` to the middle of the kicks until `end`, in substeps; a frame's first and last kick are half.
+// From substep `first` to the middle of the kicks before `end`, in substeps; a frame's first and last kick are half.
 double middle(int first, int end, int count) {
   double all = 0, moment = 0;
-  for (int k = first; k < end + (end == count); ++k) {
+  for (int k = first; k < end; ++k) {
     const double share = k == 0 || k == count ? 0.5 : 1;
     all += share, moment += share * (k - first);
   }
@@ -124,8 +124,8 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
 
   const int air = sheet_.air ? 2 : sheet_.pressure, held = substeps.held;
   for (int k = 0; k <= count; ++k) {
-    if (k < count && k % held == 0 && (bends || air)) {
-      const double later = middle(k, std::min(k + held, count), count), since = k > held ? held : held - 0.5;
+    if (k % held == 0 && (bends || air)) {
+      const double later = middle(k, std::min(k + held, count + 1), count), since = k > held ? held : held - 0.5;
       std::fill_n(slow.later, width, T(h * later));
       slow.trend = T(k ? (later + 0.5) / since : 0);  // velocities are half a substep old, but at a frame's start
       kernels.slow[bends][air](s, f, slow);
