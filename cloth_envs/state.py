@@ -155,8 +155,8 @@ class LazyState(State):
 class Controls:
     """What an action becomes: where driven things are at the end of the frame.
 
-    Handles and bodies move on a cubic from their present position and velocity to these; wind and
-    pressure are constant over the frame.
+    Handles and bodies move on a cubic from their present position and velocity to these, soft handles are drawn to
+    such cubics (``Scene.holding``); wind and pressure are constant over the frame.
 
     Attributes:
         handle_positions, handle_velocities: ``(B, N, 3)`` [m], [m/s], in the order of ``Scene.handles``.

@@ -14,18 +14,18 @@ ENDS = (ALL, LOW, ALL, HIGH), (LOW, ALL, HIGH, ALL), (LOW, LOW, HIGH, HIGH), (LO
 
 
 class Springs(Solver):
-    """Springs, weight and handles in torch, differentiable; no damping, bending, air or bodies."""
+    """Springs, weight and firm handles in torch, differentiable; no soft ones, damping, bending, air or bodies."""
 
     def set_materials(self, which, materials):
         if set(materials) != {self.scene.material} or self.scene.windy or self.scene.colliders:
             raise ValueError("Springs knows one material, no wind and no bodies: choose Curtain, leave randomize out")
 
     def step(self, old, new, controls):  # a frame of symplectic Euler, at the largest stable step
-        scene, held = self.scene, list(self.scene.handles)
+        scene, held = self.scene, list(self.scene.pins)
         mass, steps = tensor(scene.mass), int(scene.frame_dt / stable_step(scene, scene.material)) + 1
         springs = [(getattr(scene.material, e.modulus) * tensor(e.weight), e.rest) for e in edges(scene.grid)]
         x, v = (as_tensor(a).double() for a in (old.positions, old.velocities))
-        ends = (as_tensor(a).mT for a in (controls.handle_positions, controls.handle_velocities))
+        ends = (as_tensor(a[:, scene.holding.firm]).mT for a in (controls.handle_positions, controls.handle_velocities))
         drive = scene.frame_dt, x.flatten(2)[..., held], v.flatten(2)[..., held], *ends
         for n in range(1, steps + 1):
             force = mass * tensor([0.0, 0.0, -scene.gravity])[:, None, None].repeat(len(x), 1, 1, 1)

@@ -195,7 +195,7 @@ def test_in_the_environment(name: str) -> None:
         np.testing.assert_array_equal(env.step(action)[0], expected)
     plain: Any = gym.make(cloth_envs.env_id("Curtain"), backend="miniature", backend_kwargs=OPTIONS).unwrapped
     plain.reset(seed=4)
-    held = list(env.scene.handles)
+    held = list(env.scene.pins)
     assert np.abs(plain.step(actions[0])[0] - first).max() > 1e-5
     env.reset(seed=4)
     env.step(actions[0])

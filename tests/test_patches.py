@@ -162,7 +162,7 @@ def test_the_shipped_networks_follow_the_coarse_cloth(name: str, scene: str) -> 
     found, plain = run(name), run("bicubic")
     gap = np.linalg.norm(found.positions - plain.positions, axis=0)
     assert 0 < gap.mean() < gap.max() < found.scene.grid.row_spacing
-    handles = list(found.scene.handles)
+    handles = list(found.scene.pins)
     np.testing.assert_array_equal(
         found.positions.reshape(3, -1)[:, handles], plain.positions.reshape(3, -1)[:, handles]
     )

@@ -28,8 +28,8 @@ COVER_MARGIN, CALM_MARGIN = 0.3, 0.5  # fraction, m/s
 class Curtain(Task):
     """
     ## Description
-    A curtain 1.0 m wide and 1.5 m tall hangs by seven rings, each of 3 cm around, from a rail along x. The first ring is
-    fixed to the wall at x = 0, the last (lead) ring is pulled along the rail and the others space out
+    A curtain 1.0 m wide and 1.5 m tall hangs by seven rings, each of 3 cm around, from a rail along x. The first
+    ring is fixed to the wall at x = 0, the last (lead) ring is pulled along the rail and the others space out
     between them. The rail sways across. Cover a target fraction of the 1 m window and calm the curtain.
 
     ## Action Space

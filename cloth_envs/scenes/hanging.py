@@ -27,8 +27,8 @@ PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
 class Hanging(Task):
     """
     ## Description
-    A cloth of 1 x 1 m, held by as much of one corner as 5 x 5 cm, hangs in a light random breeze. Carry the corner so that the
-    middle of the cloth comes to rest at a goal.
+    A cloth of 1 x 1 m, held by as much of one corner as 5 x 5 cm, hangs in a light random breeze. Carry the corner so
+    that the middle of the cloth comes to rest at a goal.
 
     ## Action Space
     `Box(-1, 1, (3,))`: velocity of the corner, +-1 is 1 m/s along x, y, z. The corner stays within 0.8 m
