@@ -144,7 +144,7 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
   // Bands fill the lanes of a large cloth; of small ones several that step alike fill them better.
   std::vector<std::vector<std::size_t>> groups;
   const std::size_t most = std::size_t(bands_.width);
-  const bool small = 4 * sizeof(T) * cloths_.field < kCache;
+  const bool small = !sheet_.periodic && 4 * sizeof(T) * cloths_.field < kCache;
   for (std::size_t i = 0; i < frames.size(); ++i) {
     const auto alike = [&](const std::vector<std::size_t>& group) {
       const std::size_t first = group.front();

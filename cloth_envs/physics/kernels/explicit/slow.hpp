@@ -51,7 +51,7 @@ void slow_air(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
     V3<T> own_before = {}, low_before = {};
     const auto put_corners = [&](int c, const V3<T>& own, const V3<T>& low) __attribute__((always_inline)) {
       T* const to = f.slow + s.at(r, c);
-      set<T>(to, get<T>(to) + (own + get<T>(f.low + c * q)));
+      set<T>(to, (get<T>(to) + own) + get<T>(f.low + c * q));
       set<T>(f.low + c * q, low);
     };
     for (int c = 0; c < cells; ++c) {

@@ -183,14 +183,15 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
       if constexpr (kYields)
         for (int i = 0; i < 4; ++i) d[i] = get<T>(ends[i] + to_x) - x;
       edges(d, e, {&to_east, &to_south, &to_right, &to_left}, p);
-      Pulls<T> all = r ? get_pulls<T>(arrive + c * w) + east_before : east_before;
+      Pulls<T> all = east_before;
       for (int i = 0; i < 4; ++i) all = all + towards(p[i], get<T>(ends[i] + to_x));
+      const Pulls<T> arrived = get_pulls<T>(arrive + c * w);
       set_pulls<T>(arrive + (c - 1) * w, down_before + towards(p[3], x));
       east_before = towards(p[0], x), down_before = right_before + towards(p[1], x), right_before = towards(p[2], x);
       if (r == 0)
         set_pulls<T>(f.first + c * w, all);
       else
-        move(y0, x, all, kick, fall);
+        move(y0, x, all + arrived, kick, fall);
     };
     if (s.periodic) {
       T* const y0 = row - q;  // the edge that goes round
