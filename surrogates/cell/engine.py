@@ -132,11 +132,12 @@ class TorchSheet(CellSheet):
     def step(self, old: State, new: State, controls: Controls) -> None:
         like = self.cell.areas
         with torch.no_grad():
-            for count in np.unique(self.substeps):
-                which = np.flatnonzero(self.substeps == count)
+            cuts = self._cuts(old.positions, controls.pressure)
+            for cut in np.unique(cuts, axis=0):
+                which = np.flatnonzero((cuts == cut).all(1))
                 part = Controls(**{name: value[which] for name, value in vars(controls).items()})
                 start = old.select(which)
                 x, v = (torch.as_tensor(a).to(like) for a in (start.positions, start.velocities))
                 sheets = properties([self._materials[i] for i in which], like)
-                x, v = frame(self.cell, self.scene, sheets, x, v, start, part, int(count), self._forces)
+                x, v = frame(self.cell, self.scene, sheets, x, v, start, part, *map(int, cut), self._forces)
                 new.positions[which], new.velocities[which] = x.cpu().numpy(), v.cpu().numpy()

@@ -84,11 +84,11 @@ def contact(
 
 def frame(
     cell: SheetCell, scene: Scene, sheets: Mapping[str, Tensor], x: Tensor, v: Tensor, start: State, controls: Controls,
-    substeps: int, forces: Sequence[Force] = (),
+    substeps: int, hold: int = 1, forces: Sequence[Force] = (),
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
-    """``x`` and ``v`` after a frame of ``substeps`` symplectic Euler steps, as ``laws.step``.
+    """``x`` and ``v`` after a frame of ``substeps``, as ``laws.step``: slow forces are held for ``hold`` of them.
 
-    ``start`` is for its bodies, ``forces`` are plugged in [N].
+    ``start`` is for its bodies, ``forces`` are plugged in [N] in every substep.
     """
 
     def tensor(a: np.ndarray) -> Tensor:
@@ -96,8 +96,8 @@ def frame(
 
     dt, held, shape = scene.frame_dt, list(scene.handles), x.shape
     h = dt / substeps
-    decay = torch.exp(-sheets["drag"] * h)
-    lag = torch.where(sheets["drag"] > 0, -torch.expm1(-sheets["drag"] * h) / sheets["drag"].clamp_min(TINY), h)
+    drag, part = sheets["drag"], np.ones(substeps + 1)
+    part[[0, -1]] = 0.5
     wind, pressure, index = tensor(controls.wind), tensor(controls.pressure), torch.tensor(held, device=x.device)
     ends = [tensor(a.transpose(0, 2, 1)) for a in (controls.handle_positions, controls.handle_velocities)]
     now = [a.flatten(2)[..., held].transpose(1, 2) for a in (x, v)]
@@ -105,28 +105,43 @@ def frame(
     handles = [*(a.transpose(1, 2) for a in starts), *ends]
     firm = torch.as_tensor(scene.holding.firm, device=x.device)
     soft = tensor(np.where(scene.holding.firm[:, None], 0.0, scene.holding.hold).T)
-    pull = h * h * soft * (sheets["stretch_stiffness"] / sheets["areal_density"])[..., 0]
+    rate = soft * (sheets["stretch_stiffness"] / sheets["areal_density"])[..., 0]
     bodies, *rest = (tensor(a) for part in (start, controls) for a in (part.colliders, part.collider_velocities))
     cubic = [bodies, *rest]
-    for k in range(1, substeps + 1):
-        force = cell(x, v, sheets)
-        if scene.air is not None or scene.pressure:
-            force = force + air_forces(scene, x, v, wind, pressure)
+    for k in range(substeps + 1):
+        if k % hold == 0:
+            kicks = part[k : k + hold]
+            later = h * float(np.average(np.arange(len(kicks)), weights=kicks))
+            then, seen = x + later * v, v
+            if k:
+                seen = v + (later + h / 2) / (h * (hold if k > hold else hold - 0.5)) * (v - past)
+            past, slow = v, cell.bending(then, sheets)
+            if scene.air is not None or scene.pressure:
+                slow = slow + air_forces(scene, then, seen, wind, pressure)
+        force = cell.springs(x, v, sheets) + slow
         for extra in forces:
             force = force + extra(x, v)
-        v = decay * v + lag / cell.mass(sheets) * force
-        before, x = x.flatten(2), x + h * v
-        moved: Tensor = hermite(k / substeps, dt, *cubic)[0]  # type: ignore[arg-type, assignment]
+        time = h * part[k]
+        lag = torch.where(drag > 0, -torch.expm1(-drag * time) / drag.clamp_min(TINY), time)
+        v = torch.exp(-drag * time) * v + lag / cell.mass(sheets) * force
+        end, step = (k + 1) / substeps, h
+        if k == substeps:  # what contact leaves of velocities that go on for half a substep
+            end, step = (k + 0.5) / substeps, h / 2
+        after = x + step * v
+        moved: Tensor = hermite(end, dt, *cubic)[0]  # type: ignore[arg-type, assignment]
         for i, body in enumerate(scene.colliders):
-            given = before, x.flatten(2), v.flatten(2), bodies[:, i], moved[:, i]
-            x, v = (a.reshape(shape) for a in contact(body, *given, scene.thickness, h))
+            given = x.flatten(2), after.flatten(2), v.flatten(2), bodies[:, i], moved[:, i]
+            after, v = (a.reshape(shape) for a in contact(body, *given, scene.thickness, step))
         bodies = moved
+        if k < substeps:
+            x = after
         if held:
-            cubics: tuple[Tensor, Tensor] = hermite(k / substeps, dt, *handles)  # type: ignore[arg-type, assignment]
+            cubics: tuple[Tensor, Tensor] = hermite(min(end, 1.0), dt, *handles)  # type: ignore[arg-type, assignment]
             path, speed = cubics
-            e = pull / (1 + pull) * (path - x.flatten(2)[..., held])  # as laws.drives.put_handles
+            drawn = h * rate / (1 + h * h * rate) * (path - x.flatten(2)[..., held])  # as laws.drives.put_handles
+            drawn = drawn if k < substeps else torch.zeros_like(drawn)
             driven = [
-                torch.where(firm, a, b.flatten(2)[..., held] + c) for a, b, c in ((path, x, e), (speed, v, e / h))
+                torch.where(firm, a, b.flatten(2)[..., held] + c) for a, b, c in ((path, x, h * drawn), (speed, v, drawn))
             ]
             x, v = (a.flatten(2).index_copy(2, index, b).reshape(shape) for a, b in zip((x, v), driven, strict=True))
     return x, v

@@ -45,9 +45,9 @@ def properties(materials: Sequence[Material], like: Tensor) -> dict[str, Tensor]
 class SheetCell(nn.Module):
     """Forces of stretch, shear, damping and bending, and the weight, times ``numbers`` ``(17,)`` (of ``CLASSES``).
 
-    On an edge ``f = k alpha d - k L beta n + c k gamma (w . n) n``, with ``n = d / |d|``; all numbers are 1 (the
-    sideways biases 0) on the reference. Where the material yields, a shortened edge has less of the first two and more
-    of the last (``laws.sheet.spring_forces``): with the factors of ``scaling="closure"`` it is the cell of a coarse
+    On an edge ``f = k (alpha - L beta / |d + gamma c w|) d``, ``c`` the damping; all numbers are 1 (the
+    sideways biases 0) on the reference. Where the material yields, a shortened edge pulls less and is damped more
+    (``laws.sheet.damped_spring_forces``): with the factors of ``scaling="closure"`` it is the cell of a coarse
     sheet. Materials (``properties``) come with the call, so weights belong to none.
 
     Args:
@@ -78,6 +78,10 @@ class SheetCell(nn.Module):
 
     def forward(self, x: Tensor, v: Tensor, sheets: Mapping[str, Tensor]) -> Tensor:
         """Forces ``(B, 3, H, W)`` [N]."""
+        return self.springs(x, v, sheets) + self.bending(x, sheets)
+
+    def springs(self, x: Tensor, v: Tensor, sheets: Mapping[str, Tensor]) -> Tensor:
+        """Those of springs with their dashpots, and the weight."""
         total = torch.zeros_like(x)
         for k, (edge, (first, second)) in enumerate(zip(self.edges, ENDS, strict=True)):
             alpha, beta, gamma, share = *self.numbers[k:12:4], getattr(self, f"share{k}")
@@ -88,10 +92,17 @@ class SheetCell(nn.Module):
             short = strain.clamp_max(0)
             before = torch.maximum(short, -sheets["buckling_strain"] * ratio)
             pull = strain.clamp_min(0) + sheets["compression"] * (before + sheets["post_buckling"] * (short - before))
-            damping = sheets["damping"] * gamma * torch.where(strain < 0, sheets["compression_damping"], 1)
-            rate = damping * (w * d).sum(1, keepdim=True) * inverse * inverse
-            force = sheets[edge.modulus] * share * (pull + rate) * d
+            e = d + gamma * sheets["damping"] * w
+            damped = ratio - edge.rest * beta * torch.rsqrt((e * e).sum(1, keepdim=True) + TINY)
+            damped = damped * torch.where(strain < 0, sheets["compression_damping"], 1)
+            force = sheets[edge.modulus] * share * (pull + damped) * d
             total = total + place(force, first, self.shape) - place(force, second, self.shape)
+        signs = self.numbers.new_tensor([1.0, 1.0, -1.0])
+        return total + self.gravity * self.mass(sheets) * (signs * self.numbers[14:])[:, None, None]
+
+    def bending(self, x: Tensor, sheets: Mapping[str, Tensor]) -> Tensor:
+        """Those of bending."""
+        total = torch.zeros_like(x)
         along, down = self.numbers[12:14]
         bends = along, down, (along + down) / 2 * sheets["twist"]
         for k, (places, times, bend) in enumerate(zip(BENDS, DIFFERENCES, bends, strict=True), len(ENDS)):
@@ -100,8 +111,7 @@ class SheetCell(nn.Module):
             force = bend * sheets["bend_stiffness"] * share * difference
             for n, at in zip(times, places, strict=True):
                 total = total - n * place(force, at, self.shape)
-        signs = self.numbers.new_tensor([1.0, 1.0, -1.0])
-        return total + self.gravity * self.mass(sheets) * (signs * self.numbers[14:])[:, None, None]
+        return total
 
     def mass(self, sheets: Mapping[str, Tensor]) -> Tensor:
         """Lumped masses ``(B, 1, H, W)`` [kg]."""

@@ -59,7 +59,7 @@ def test_energy_balance_closes_as_the_step_shrinks() -> None:
         controls = Controls.hold(state, scene.handles)
         controls.wind[:] = [1.0, 3.0, 0.5]
         controls.pressure[:] = 1.0
-        states, _ = run(scene, state, controls, steps, substeps=1)
+        states, _ = run(scene, state, controls, steps, substeps=1, held=1)
         total = balance(scene, states, controls)
         errors.append(abs(total - total[0]).max())
         spent = np.ptp(gravity_energy(grid, [CLOTH], np.concatenate([s.positions for s in states]), 9.81))

@@ -8,6 +8,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
+from cloth_envs.physics.explicit.bounds import HELD
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
@@ -59,18 +60,16 @@ def run(
     frames: int = 1,
     *,
     substeps: int | None = None,
-    held: int | None = None,
+    held: int = HELD,
     dtype: str = "float64",
 ) -> tuple[list[State], float]:
     """States at the frames' ends, the start included, and the substep's length [s].
 
     ``drive`` gives the controls: fixed, a function of frame number and state, or None to hold everything. ``held`` is for
-    how many substeps slow forces are held, instead of what the solver would choose.
+    how many substeps slow forces are held, at most.
     """
-    backend = ExplicitSolver(scene, num_envs=state.batch, dtype=dtype, substeps=substeps)
+    backend = ExplicitSolver(scene, num_envs=state.batch, dtype=dtype, substeps=substeps, held=held)
     backend.reset(state)
-    if held is not None:
-        backend.cuts[:, 1] = held
     states = [backend.state.copy()]
     drive = Controls.hold(state, scene.handles) if drive is None else drive
     for frame in range(frames):

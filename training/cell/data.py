@@ -92,14 +92,14 @@ def accelerations(scene: Scene, state: State) -> np.ndarray:
     net = net_of(scene)
     free = replace(scene, frame_dt=net.sim_dt, handles=(), grips=(), colliders=(), pressure=False)
     after = bare_step(CellNet(free, mass_spring_cell(free), dtype="float64"), state)
-    return ((after * np.exp(net.drag * net.sim_dt) - state.velocities) / net.sim_dt)[0].reshape(3, -1)
+    return ((after.velocities * np.exp(net.drag * net.sim_dt) - state.velocities) / net.sim_dt)[0].reshape(3, -1)
 
 
-def bare_step(solver: Solver, state: State, **air: np.ndarray) -> np.ndarray:
-    """Velocities after a frame of ``solver`` from the cloth of ``state``, without bodies and handles."""
+def bare_step(solver: Solver, state: State, **air: np.ndarray) -> State:
+    """The state after a frame of ``solver`` from the cloth of ``state``, without bodies and handles."""
     bare = replace(State.still(state.positions), velocities=state.velocities)
     solver.reset(bare)
-    return solver.advance(replace(Controls.hold(bare, ()), **air)).velocities
+    return solver.advance(replace(Controls.hold(bare, ()), **air))
 
 
 def free_vertices(scene: Scene) -> np.ndarray:

@@ -32,9 +32,10 @@ def columns(scene: Scene, x: np.ndarray, v: np.ndarray) -> np.ndarray:
     found = np.zeros((len(CLASSES), *x.shape))
     for k, edge in enumerate(edges(scene.grid)):
         d, w = (a[:, edge.second] - a[:, edge.first] for a in (x, v))
-        n = d / np.sqrt((d * d).sum(0))
+        length, later = (np.sqrt((a * a).sum(0)) for a in (d, d + material.damping * w))
+        n = d / length
         stiffness = getattr(material, edge.modulus) * edge.weight
-        branches = (stiffness * d, -stiffness * edge.rest * n, material.damping * stiffness * (w * n).sum(0) * n)
+        branches = (stiffness * d, -stiffness * edge.rest * n, stiffness * edge.rest * (1 / length - 1 / later) * d)
         for branch, force in enumerate(branches):
             found[4 * branch + k][:, edge.first] += force
             found[4 * branch + k][:, edge.second] -= force
@@ -57,10 +58,12 @@ def accelerations(scene: Scene, state: State, controls: Controls, substeps: int)
     The step is taken without handles and bodies, so that driven vertices tell their forces as well.
     """
     h, drag = scene.frame_dt / substeps, scene.material.drag
-    solver = ExplicitSolver(replace(scene, frame_dt=h, handles=(), grips=(), colliders=()), dtype="float64", substeps=1)
+    bare = replace(scene, frame_dt=h, handles=(), grips=(), colliders=())
+    solver = ExplicitSolver(bare, dtype="float64", substeps=1, held=1)
     after = bare_step(solver, state, wind=controls.wind, pressure=controls.pressure)
-    kick = -np.expm1(-drag * h) / drag if drag else h
-    total = (after - state.velocities * np.exp(-drag * h)) / kick
+    kick = -np.expm1(-drag * h / 2) / drag if drag else h / 2  # half of it before positions move
+    moved = (after.positions.astype(np.float64) - state.positions) / h
+    total = (moved - state.velocities * np.exp(-drag * h / 2)) / kick
     air = air_forces(scene, state.positions, state.velocities, controls.wind)
     if scene.pressure:
         air = air + pressure_forces(scene.grid, state.positions, controls.pressure)

@@ -7,7 +7,7 @@ import numpy as np
 
 from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
-from cloth_envs.physics.explicit.bounds import interval, stable_step
+from cloth_envs.physics.explicit.bounds import HELD, interval, stable_step
 from cloth_envs.physics.laws.diagnostics import strains
 from cloth_envs.physics.solver import PRESSURE, STRETCH, Solver, kernel_material, kernel_sheet
 from cloth_envs.scene import Scene
@@ -26,6 +26,7 @@ class ExplicitSolver(Solver):
     Args, beside those of ``Solver``:
         substeps: per frame, instead of the largest stable step; not below the stable number.
         refine: multiplies the number of substeps (4 for truth).
+        held: for how many substeps bending and the air are held, at most; fewer where they would not be stable.
 
     Raises:
         ValueError: a bad argument, or a material so stiff or light (in ``advance``: a pressure so large) that a frame
@@ -43,9 +44,10 @@ class ExplicitSolver(Solver):
         dtype: str = "float32",
         substeps: int | None = None,
         refine: int = 1,
+        held: int = HELD,
     ) -> None:
         super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
-        self._refine = whole_number("refine", refine)
+        self._refine, self._held = whole_number("refine", refine), whole_number("held", held)
         self._wanted = None if substeps is None else whole_number("substeps", substeps)
         kernel = kernels.Explicit32 if self.dtype == np.float32 else kernels.Explicit64
         self._kernel = kernel(kernel_sheet(scene))
@@ -72,7 +74,7 @@ class ExplicitSolver(Solver):
     ) -> tuple[int, int]:
         """How a frame is cut: substeps, and for how many slow forces are held. Raises ValueError: see ``_count``."""
         count = self._count(material, pressure, cause)
-        return count, interval(self.scene, material, self.scene.frame_dt / count, pressure)
+        return count, min(interval(self.scene, material, self.scene.frame_dt / count, pressure), self._held)
 
     def _count(self, material: Material, pressure: float = PRESSURE, cause: str = "this material") -> int:
         """Substeps in a frame. Raises ValueError: more than the limit, or fewer wanted than are stable."""

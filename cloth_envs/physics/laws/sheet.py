@@ -69,17 +69,18 @@ def spring_energy(grid: Grid, materials: Materials, x: np.ndarray) -> np.ndarray
 
 
 def damper_forces(grid: Grid, materials: Materials, x: np.ndarray, v: np.ndarray) -> Forces:
-    """``f_i = c (d^ . (v_j - v_i)) d^`` along the same edges, ``c = damping * k``.
+    """``f_i = c (d^ . (v_j - v_i)) d^`` along the same edges, ``c = damping * k * L / |d|``.
 
-    Of a shortened spring that is multiplied by ``compression_damping``.
+    A dashpot in the length (``damped_spring_forces``): what the tension is a moment later. Of a shortened spring that is
+    multiplied by ``compression_damping``.
     """
     at, speed, out = flat(x), flat(v), np.zeros_like(flat(x))
     for edge in edges(grid):
         d = at[..., edge.second] - at[..., edge.first]
-        rate = (d * (speed[..., edge.second] - speed[..., edge.first])).sum(1) / (d * d).sum(1)
+        length = np.linalg.norm(d, axis=1)
+        rate = (d * (speed[..., edge.second] - speed[..., edge.first])).sum(1) * edge.rest / length**3
         c = values(materials, "damping") * _stiffness(materials, edge)
-        shortened = np.linalg.norm(d, axis=1) < edge.rest
-        c = np.where(shortened, values(materials, "compression_damping") * c, c)
+        c = np.where(length < edge.rest, values(materials, "compression_damping") * c, c)
         force = (c * rate)[:, None] * d
         out[..., edge.first] += force
         out[..., edge.second] -= force
