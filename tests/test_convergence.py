@@ -51,9 +51,9 @@ def test_quick_run_end_to_end_and_again(tmp_path: Path, capsys: pytest.CaptureFi
     assert json.loads((out / "convergence.json").read_text())["quick"] is True
     tables = {path.name: path.read_text() for path in out.glob("*.csv")}
     assert sorted(tables) == ["chaos_floor.csv", "convergence.csv"]
-    # First order, three rungs of 1, 1/2, 1/4 of a step against 1/64: the slope is at most 0.08 over.
+    # Between the first order of dashpots and the second of all else.
     (ladder,) = ladders(read_rows(out / "convergence.csv", ConvergenceRow))
-    assert ladder.order == pytest.approx(1, abs=0.2)
+    assert 0.9 < ladder.order < 2.2
     solvers = {row.solver for row in read_rows(out / "convergence.csv", ConvergenceRow)}
     assert solvers == {"chaos floor", "explicit", "reference"}
     # Nothing is measured twice.

@@ -193,8 +193,8 @@ def test_the_budget_of_a_simulation_closes_and_notices_a_wrong_gravity() -> None
         rests.append(float(found.rest[0]))
         gained = float(found.handles[0])
         wrong = budget(replace(scene, gravity=9.0), states)
-    # Velocity Verlet keeps it to second order in h.
-    assert abs(rests[1]) < abs(rests[0]) < 0.02 * abs(gained)
+    # Velocity Verlet leaves errors of second order in h: less than can be told from those of the rule that sums powers.
+    assert max(map(abs, rests)) < 1e-3 * abs(gained)
     assert abs(wrong.rest[0]) > 3 * abs(rests[1])
 
 

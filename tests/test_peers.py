@@ -112,18 +112,18 @@ def test_explicit_taichi_computes_our_forces(name: str) -> None:
     if reason := peers.missing("Taichi"):
         pytest.skip(reason)
     setup = build(name, 4)
-    taichi: Any = peers.make(peers.setting("Taichi", {"method": "explicit"}), setup)
-    ours = truth(setup, dtype="float32", refine=1)
+    ours, frames, errors = truth(setup), setup.frames(EARLY), []
     ours.reset(setup.start)
-    assert [taichi.substeps] == ours.substeps
-    frames = setup.frames(EARLY)
-    for engine in (taichi, ours):
+    for _ in range(frames):
+        ours.advance(setup.controls)
+    for refine in (4, 8):
+        taichi: Any = peers.make(peers.setting("Taichi", {"method": "explicit", "refine": refine}), setup)
         for _ in range(frames):
-            engine.advance(setup.controls)
-    # Both round 1.5 m to 1.2e-7 m, and a spring of strain s at each substep by that over its length; unsteady
-    # motion lets it add up over the substeps.
-    tolerance = 1.2e-7 * frames * taichi.substeps
-    np.testing.assert_allclose(taichi.state.positions, ours.state.positions, atol=tolerance)
+            taichi.advance(setup.controls)
+        errors.append(abs(taichi.state.positions - ours.state.positions).max())
+    # Symplectic Euler tends to the same motion at first order in the step.
+    assert errors[0] / errors[1] == pytest.approx(2, abs=0.2)
+    assert errors[1] < 1e-3 * abs(ours.state.positions - setup.start.positions).max() + 1e-4
 
 
 def test_xpbd_tends_to_our_truth() -> None:
@@ -247,8 +247,8 @@ def test_end_to_end_without_any_peer(
     for one, two in zip(rows[::2], rows[1::2], strict=True):
         assert one.passed
         assert 0 < one.ms_q1 <= one.ms <= one.ms_q3
-        # First order: against a quarter of the step, a whole and a half differ by 3/4 and 1/4.
-        assert two.early_mm == pytest.approx(one.early_mm / 3, rel=0.5)
+        # Between the first and the second order, of whole and half steps against a quarter: 1/3 and 1/5.
+        assert 0.1 < two.early_mm / one.early_mm < 0.7
         assert one.frames == build(one.scene).frames(LATE)
     assert json.loads((tmp_path / "peers.json").read_text())["quick"] is True
     assert ElementTree.parse(tmp_path / "peers.svg").getroot().tag.endswith("svg")

@@ -12,7 +12,8 @@ from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.physics.laws import air
 from cloth_envs.physics.laws.bodies import resolve_body
-from cloth_envs.physics.laws.step import total_forces
+from cloth_envs.physics.laws.sheet import damped_spring_forces, gravity_forces
+from cloth_envs.physics.laws.step import slow_forces
 from cloth_envs.registry import SCENES, make_backend
 from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.state import Controls, State
@@ -48,7 +49,9 @@ def test_forces_are_the_references() -> None:
     cell = SheetCell(SCENE, dtype=torch.float64)
     got = cell(x, v, properties(MATERIALS, x)).detach().numpy()
     bare = replace(SCENE, air=None, pressure=False)
-    want = total_forces(bare, MATERIALS, state, np.zeros((2, 3)), np.zeros(2))
+    want = damped_spring_forces(bare.grid, MATERIALS, state.positions, state.velocities)
+    want = want + slow_forces(bare, MATERIALS, state, Controls.hold(state, bare.handles))
+    want = want + gravity_forces(bare.grid, MATERIALS, state.positions, bare.gravity)
     assert abs(got - want).max() < 64 * EPS * abs(want).max()
     wind, pressure = np.array([[3.0, -2.0, 1.0], [0.0, 6.0, -1.0]]), np.array([30.0, -8.0])
     got = air_forces(SCENE, x, v, torch.from_numpy(wind), torch.from_numpy(pressure)).numpy()

@@ -63,9 +63,9 @@ def test_energy_balance_closes_as_the_step_shrinks() -> None:
         total = balance(scene, states, controls)
         errors.append(abs(total - total[0]).max())
         spent = np.ptp(gravity_energy(grid, [CLOTH], np.concatenate([s.positions for s in states]), 9.81))
-    # Symplectic Euler follows an energy that differs from the true one by order h.
-    assert (abs(rates(errors) - 1) < 0.2).all()
-    assert errors[-1] < 0.02 * spent
+    # Velocity Verlet follows an energy that differs from the true one by order h^2; the dashpots' share is of order h.
+    assert (rates(errors) > 1.7).all()
+    assert errors[-1] < 1e-4 * spent
 
 
 def test_without_losses_energy_stays_for_thousands_of_steps() -> None:

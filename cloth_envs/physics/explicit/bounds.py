@@ -10,7 +10,7 @@ from cloth_envs.scene import Scene
 
 SAFETY = 0.9
 SHEAR = np.radians(15.0)  # of a cell, up to which its springs are bounded by their directions
-HELD = 8  # substeps for which slow forces are held; more saves nothing
+HELD = 7  # substeps for which slow forces are held: docs/solvers.md has what more would save and cost
 
 
 def directed_bound(scene: Scene, material: Material) -> float:

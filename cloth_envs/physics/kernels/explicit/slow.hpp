@@ -27,7 +27,13 @@ struct Bending {
     along = row(s.bend_along, r), above = row(s.bend_down, r - 1), here = row(s.bend_down, r);
     below = row(s.bend_down, r + 1), cell_above = twist * row(s.cell, r - 1), cell = twist * row(s.cell, r);
   }
-  static V3<T> second(const V3<T>& a, const V3<T>& b, const V3<T>& c) { return (a - b) + (c - b); }
+  // a - 2 b + c, and twice the middle less both others.
+  static V3<T> second(const V3<T>& a, const V3<T>& b, const V3<T>& c) {
+    return {(a.x + c.x) - T(2) * b.x, (a.y + c.y) - T(2) * b.y, (a.z + c.z) - T(2) * b.z};
+  }
+  static V3<T> bulge(const V3<T>& a, const V3<T>& b, const V3<T>& c) {
+    return {T(2) * b.x - (a.x + c.x), T(2) * b.y - (a.y + c.y), T(2) * b.z - (a.z + c.z)};
+  }
   static V3<T> mixed(const V3<T>& a, const V3<T>& b, const V3<T>& c, const V3<T>& d) { return (a - b) - (c - d); }
 };
 
@@ -115,7 +121,7 @@ void slow_bending(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p)
       const V3<T> above = b.above * b.second(x(-2, c), up, here), middle = b.here * b.second(up, here, down);
       const V3<T> below = b.below * b.second(here, down, x(2, c));
       const V<T> part = V<T>{} + column;
-      const V3<T> force = ((b.now - b.before) + (b.now - after)) + part * ((middle - above) + (middle - below)) +
+      const V3<T> force = b.bulge(b.before, b.now, after) + part * b.bulge(above, middle, below) +
                           ((b.twist - twist) + (twist_above - b.twist_above));
       set<T>(f.slow + s.at(r, c), stiffness * force);
       b.before = b.now, b.now = after, b.twist = twist, b.twist_above = twist_above;

@@ -51,10 +51,11 @@ constexpr int kChunk = 256;  // vertices whose forces are kept before they are a
 template <class T, class Terms>
 __attribute__((always_inline)) inline V3<T> air_force(const V3<T>& n, const V3<T>& u, const Terms& p) {
   const V<T> square = dot(n, n) + T(1e-30), through = dot(n, u), turn = through * reciprocal(square);
-  const V3<T> slide = u - turn * n;
-  const V<T> product = square * dot(slide, slide) + T(1e-36), sliding = product * rsqrt(product);  // 2 A |3 u_t|
-  const V<T> push = p.half_pressure - (p.normal * (through < T(0) ? -through : through) + p.lift * sliding) * turn;
-  return push * n - (p.tangential * sliding) * slide;
+  const V<T> rest = square * dot(u, u) - through * through, least = V<T>{} + T(1e-36);
+  const V<T> product = rest > least ? rest : least, sliding = product * rsqrt(product);  // 2 A |3 u_t|
+  const V<T> size = through < T(0) ? -through : through, drag = p.tangential * sliding;
+  const V<T> push = p.half_pressure + (drag - (p.normal * size + p.lift * sliding)) * turn;
+  return push * n - drag * u;
 }
 
 // The same for a long step h: what the air takes of a speed is divided by 1 + h a, a the rate at which it takes it, so
