@@ -13,13 +13,16 @@ namespace {
 
 constexpr std::size_t kCache = 1 << 20;  // bytes that the fields of cloths in lanes may take
 
-// One thread's fields; zeros where nothing is put.
+// One thread's fields. Where no vertex is they are zeros and stay so, but for what is not finite.
 template <class T>
 struct Workspace {
   Plane<T> memory;
+  std::vector<std::ptrdiff_t> shape;
   Fields<T> prepare(const Strips<T>& s) {
     const std::size_t line = (s.cols + 2) * 4 * s.width;
-    memory.assign(7 * s.field + 4 * line, T(0));
+    const std::vector<std::ptrdiff_t> wanted = {s.rows, s.cols, s.width, s.banded, s.periodic, s.turned,
+                                                std::ptrdiff_t(s.places.size())};
+    if (shape != wanted) memory.assign(7 * s.field + 4 * line, T(0)), shape = wanted;
     T* at = memory.data();
     Fields<T> f;
     for (T** field : {&f.x, &f.y, &f.v, &f.slow, &f.ahead, &f.mid, &f.past}) *field = std::exchange(at, at + s.field);
@@ -62,26 +65,19 @@ double middle(int first, int end, int count) {
   return moment / all;
 }
 
+// A field (3, H, W) of cloth `member`.
 template <class T>
-void put_cloth(const Strips<T>& s, const Sheet& sheet, const Frame<T>& frame, T damping, int member,
-               const Fields<T>& f) {
-  const int vertices = sheet.rows * sheet.cols;
-  for (int i = 0; i < vertices; ++i) {
-    const std::ptrdiff_t at = s.at(i, sheet.cols, member);
-    for (int k = 0; k < 3; ++k) {
-      const T x = frame.x[k * vertices + i], v = frame.v[k * vertices + i];
-      f.x[at + k * s.width] = x, f.v[at + k * s.width] = v, f.y[at + k * s.width] = x + damping * v;
-    }
-  }
+void put(const Strips<T>& s, const T* from, int member, T* field) {
+  for (int k = 0; k < 3; ++k, field += s.width)
+    for (const int place : s.places) field[place + member] = *from++;
 }
+// And back; whether all of it is finite.
 template <class T>
-void take_cloth(const Strips<T>& s, const Sheet& sheet, const Fields<T>& f, int member, const Frame<T>& frame) {
-  const int vertices = sheet.rows * sheet.cols;
-  for (int i = 0; i < vertices; ++i) {
-    const std::ptrdiff_t at = s.at(i, sheet.cols, member);
-    for (int k = 0; k < 3; ++k)
-      frame.x_out[k * vertices + i] = f.x[at + k * s.width], frame.v_out[k * vertices + i] = f.v[at + k * s.width];
-  }
+bool take(const Strips<T>& s, const T* field, int member, T* to) {
+  T none = 0;
+  for (int k = 0; k < 3; ++k, field += s.width)
+    for (const int place : s.places) none += T(0) * (*to++ = field[place + member]);
+  return none == 0;
 }
 
 }  // namespace
@@ -117,12 +113,16 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
       put_terms(full, l, material, sheet_.gravity, h, h), put_terms(half, l, material, sheet_.gravity, h, h / 2);
       put_terms(last, l, material, sheet_.gravity, h / 2, h / 2), put_slow(slow, l, material, sheet_, frame, s.turned);
     }
-    put_cloth(s, sheet_, frame, T(material.damping), lane, f);
+    put(s, frame.x, lane, f.x), put(s, frame.v, lane, f.v);
     handles.add(sheet_, frame, material, s, lane), bodies.add(sheet_, frame, lane, end);
     yields |= material.yields(), bends |= material.bend_stiffness > 0;
   }
 
+  for (std::ptrdiff_t i = 0; i < s.field; i += width)
+    for (int l = 0; l < width; ++l) f.y[i + l] = f.x[i + l] + full.damping[l] * f.v[i + l];
+
   const int air = sheet_.air ? 2 : sheet_.pressure, held = substeps.held;
+  if (!bends && !air) std::fill_n(f.slow, s.field, T(0));
   for (int k = 0; k <= count; ++k) {
     if (k % held == 0 && (bends || air)) {
       const double later = middle(k, std::min(k + held, count + 1), count), since = k > held ? held : held - 0.5;
@@ -135,7 +135,12 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     kernels.step[yields][int(part)](s, f, k == count ? last : k ? full : half, now);
     handles.hold(f, full, width, std::min(k + 1, count) / double(count), k < count ? h : 0);
   }
-  for (std::size_t m = 0; m < members.size(); ++m) take_cloth(s, sheet_, f, int(m), frames[members[m]]);
+  bool finite = true;
+  for (std::size_t m = 0; m < members.size(); ++m) {
+    const Frame<T>& frame = frames[members[m]];
+    finite &= take(s, f.x, int(m), frame.x_out) & take(s, f.v, int(m), frame.v_out);
+  }
+  if (!finite) work.shape.clear();
 }
 
 template <class T>

@@ -16,7 +16,7 @@ class HeldVertices {
   void add(const Sheet& sheet, const Frame<T>& frame, const Material& m, const Strips<T>& s, int member) {
     const auto same = [](int vertex) { return vertex; };
     for (const Handle& handle : handles_of(sheet, frame, m.stretch_stiffness / m.areal_density, same))
-      all_.push_back({s.at(handle.at, sheet.cols, member), handle});
+      all_.push_back({s.places[handle.at] + member, handle});
   }
   // At s of the frame, the end of a step of dt, which is 0 for the half kick at the end: firm ones are put on their
   // paths, soft ones drawn there.

@@ -47,13 +47,13 @@ struct Blow {
 template <class T, Air kAir>
 void slow_air(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
   constexpr int n = kLanes<T>, q = 3 * n;
-  const V<T> share = V<T>{} + T(1) / T(6);
-  const Blow<T> blow = {load(p.normal), load(p.lift), load(p.tangential), load(p.half_pressure)};
+  const V<T> normal = load(p.normal), lift = load(p.lift), tangential = load(p.tangential);
   const V3<T> wind = {T(3) * load(p.wind[0]), T(3) * load(p.wind[1]), T(3) * load(p.wind[2])};
   const int cells = s.periodic ? s.cols : s.cols - 1;
   std::fill_n(f.low - q, (s.cols + 2) * q, T(0));
   for (int r = 0; r < s.rows; ++r) {
-    const V<T> part = share * load(s.cell.data() + r * n);
+    const V<T> part = load(s.cell.data() + r * n) / T(6);  // a third of half the force to each corner
+    const Blow<T> blow = {part * normal, part * lift, part * tangential, part * load(p.half_pressure)};
     V3<T> own_before = {}, low_before = {};
     const auto put_corners = [&](int c, const V3<T>& own, const V3<T>& low) __attribute__((always_inline)) {
       T* const to = f.slow + s.at(r, c);
@@ -78,8 +78,8 @@ void slow_air(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
       };
       const V3<T> f0 = force(n0, v0), f1 = force(n1, v1), f2 = force(n2, v2), f3 = force(n3, v3);
       const V3<T> all = (f0 + f2) + (f1 + f3);
-      put_corners(c, own_before + part * (all - f0), low_before + part * (all - f3));
-      own_before = part * (all - f1), low_before = part * (all - f2);
+      put_corners(c, own_before + (all - f0), low_before + (all - f3));
+      own_before = all - f1, low_before = all - f2;
     }
     if (s.periodic) {
       T* const to = f.slow + s.at(r, 0);

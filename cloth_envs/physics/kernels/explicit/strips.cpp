@@ -16,6 +16,11 @@ Strips<T>::Strips(int sheet_rows, int sheet_cols, double a, double b, bool perio
   row_length = T(a), col_length = T(b), diagonal = T(std::hypot(a, b)), twist = T(2 / (a * b));
   for (auto* v : {&along, &down, &shear, &bend_along, &bend_down, &inverse_area, &inside, &cell})
     v->assign(std::size_t(rows) * width, T(0));
+  const int across = turned ? sheet_cols : sheet_rows, along_row = turned ? sheet_rows : sheet_cols;
+  for (int i = 0; i < across * along_row; ++i) {
+    const int row = turned ? i % along_row : i / along_row, col = turned ? i / along_row : i % along_row;
+    places.push_back(int(banded ? at(row % rows, col) + row / rows : at(row, col)));
+  }
   for (int r = 0; r < rows; ++r)
     for (int l = 0; l < width; ++l) {
       const int row = banded ? l * rows + r : r, i = r * width + l;

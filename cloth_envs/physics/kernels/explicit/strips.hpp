@@ -25,14 +25,10 @@ struct Strips {
   Plane<T> inverse_area, inside, cell;  // 1/m^2, 1, 1 where cells begin
   T twist;                              // of a cell's mixed difference, 1/m^2
 
+  std::vector<int> places;  // of every vertex, axis 0; those of cloth m lie m further
+
   Strips(int sheet_rows, int sheet_cols, double row_length, double col_length, bool periodic, int width, bool banded);
   std::ptrdiff_t at(int row, int col) const { return (row + kGhost) * stride + (col + kGhost) * 3 * width; }
-  // Element of axis 0 of a vertex of a banded sheet, or of cloth `member`.
-  std::ptrdiff_t at(int vertex, int sheet_cols, int member) const {
-    int row = vertex / sheet_cols, col = vertex % sheet_cols;
-    if (turned) std::swap(row, col);
-    return banded ? at(row % rows, col) + row / rows : at(row, col) + member;
-  }
 };
 
 }  // namespace minicloth
