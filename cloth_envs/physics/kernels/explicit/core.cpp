@@ -68,15 +68,15 @@ double middle(int first, int end, int count) {
 // A field (3, H, W) of cloth `member`.
 template <class T>
 void put(const Strips<T>& s, const T* from, int member, T* field) {
-  for (int k = 0; k < 3; ++k, field += s.width)
-    for (const int place : s.places) field[place + member] = *from++;
+  for (int k = 0; k < 3; ++k, field += s.width, from += s.places.size())
+    for (const int vertex : s.order) field[s.places[vertex] + member] = from[vertex];
 }
 // And back; whether all of it is finite.
 template <class T>
 bool take(const Strips<T>& s, const T* field, int member, T* to) {
   T none = 0;
-  for (int k = 0; k < 3; ++k, field += s.width)
-    for (const int place : s.places) none += T(0) * (*to++ = field[place + member]);
+  for (int k = 0; k < 3; ++k, field += s.width, to += s.places.size())
+    for (const int vertex : s.order) none += T(0) * (to[vertex] = field[s.places[vertex] + member]);
   return none == 0;
 }
 

@@ -25,7 +25,8 @@ struct Strips {
   Plane<T> inverse_area, inside, cell;  // 1/m^2, 1, 1 where cells begin
   T twist;                              // of a cell's mixed difference, 1/m^2
 
-  std::vector<int> places;  // of every vertex, axis 0; those of cloth m lie m further
+  // Of every vertex its element, axis 0 (of cloth m it lies m further); and vertices in the order of their elements.
+  std::vector<int> places, order;
 
   Strips(int sheet_rows, int sheet_cols, double row_length, double col_length, bool periodic, int width, bool banded);
   std::ptrdiff_t at(int row, int col) const { return (row + kGhost) * stride + (col + kGhost) * 3 * width; }
