@@ -22,11 +22,11 @@ struct Workspace {
     const std::size_t line = (s.cols + 2) * 4 * s.width;
     const std::vector<std::ptrdiff_t> wanted = {s.rows, s.cols, s.width, s.banded, s.periodic, s.turned,
                                                 std::ptrdiff_t(s.places.size())};
-    if (shape != wanted) memory.assign(7 * s.field + 4 * line, T(0)), shape = wanted;
+    if (shape != wanted) memory.assign(7 * s.field + 3 * line, T(0)), shape = wanted;
     T* at = memory.data();
     Fields<T> f;
     for (T** field : {&f.x, &f.y, &f.v, &f.slow, &f.ahead, &f.mid, &f.past}) *field = std::exchange(at, at + s.field);
-    for (T** row : {&f.arrive, &f.first, &f.low, &f.start}) *row = std::exchange(at, at + line) + 4 * s.width;
+    for (T** row : {&f.arrive, &f.first, &f.low}) *row = std::exchange(at, at + line) + 4 * s.width;
     return f;
   }
 };

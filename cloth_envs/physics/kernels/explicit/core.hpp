@@ -17,8 +17,8 @@ struct Fields {
   T *x, *y, *v;             // positions, those `damping` times the velocity later, velocities
   T* slow;                  // forces that are held for some substeps [N]
   T *ahead, *mid, *past;    // positions and velocities that they are computed with; velocities when they last were
-  // Rows: what edges from the row above bring, and those of the first row; the air on the row below; where a row was.
-  T *arrive, *first, *low, *start;
+  // Rows: what edges from the row above bring, and those of the first row; the air on the row below.
+  T *arrive, *first, *low;
 };
 
 template <class T>

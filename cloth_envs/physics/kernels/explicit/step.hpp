@@ -33,44 +33,34 @@ inline V<T> square(const V3<T>& d) {
   return d.x * d.x + (d.y * d.y + (d.z * d.z + tiny<T>));
 }
 
-// Contact of `cols` vertices of a row that has moved from `start` with one body.
-template <class T, Shape kShape>
-void keep_out(const BodyLanes<T>& body, const StepTerms<T>& p, int cols, const T* start, T* x, T* v, T* y) {
-  constexpr int q = 3 * kLanes<T>;
-  const Moving<T> moving(body, load(p.dt));
-  for (int i = 0; i < cols * q; i += q) {
-    if (!may_touch<T, kShape>(body, moving, get<T>(start + i), get<T>(x + i))) continue;
-    V3<T> at = get<T>(x + i), u = get<T>(v + i);
-    touch<T, kShape>(body, moving, get<T>(start + i), at, u);
-    const V<T> damping = load(p.damping);
-    set<T>(x + i, at), set<T>(v + i, u);
-    set<T>(y + i, V3<T>{at.x + damping * u.x, at.y + damping * u.y, at.z + damping * u.z});
-  }
+// The bodies in a substep.
+template <class T>
+std::vector<Moving<T>>& moving_bodies(const std::vector<BodyLanes<T>>& bodies, const StepTerms<T>& p) {
+  thread_local std::vector<Moving<T>> all;
+  all.clear();
+  for (const BodyLanes<T>& body : bodies) all.emplace_back(body, load(p.dt));
+  return all;
 }
 
-// The same with all bodies in turn.
+// Contact of the `cols` vertices of a row that went at v for dt to x, with all bodies in turn.
 template <class T>
-void keep_out(const std::vector<BodyLanes<T>>& bodies, const StepTerms<T>& p, int cols, const T* start, T* x, T* v,
-              T* y) {
-  for (const BodyLanes<T>& body : bodies) {
-    if (body.shape == Shape::kSphere) keep_out<T, Shape::kSphere>(body, p, cols, start, x, v, y);
-    if (body.shape == Shape::kPlane) keep_out<T, Shape::kPlane>(body, p, cols, start, x, v, y);
-    if (body.shape == Shape::kCapsule) keep_out<T, Shape::kCapsule>(body, p, cols, start, x, v, y);
-  }
-}
-
-// Contact of a row that has moved.
-template <class T>
-void keep_out(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies,
-              int r) {
+void keep_out(const std::vector<BodyLanes<T>>& bodies, const std::vector<Moving<T>>& moving, const StepTerms<T>& p,
+              int cols, T* x, T* v, T* y) {
   constexpr int q = 3 * kLanes<T>;
   const V<T> dt = load(p.dt);
-  T *const x = f.x + s.at(r, 0), *const v = f.v + s.at(r, 0), *const y = f.y + s.at(r, 0);
-  for (int i = 0; i < s.cols * q; i += q) {
-    const V3<T> at = get<T>(x + i), u = get<T>(v + i);
-    set<T>(f.start + i, V3<T>{at.x - dt * u.x, at.y - dt * u.y, at.z - dt * u.z});
+  const std::size_t count = moving.size();
+  for (int i = 0; i < cols * q; i += q) {
+    Vertex<T> now = {get<T>(x + i), get<T>(v + i)};
+    std::size_t b = 0;
+    while (b < count && !may_touch(moving[b], now.x, now.v)) ++b;
+    if (b == count) continue;
+    const V3<T> start = {now.x.x - dt * now.v.x, now.x.y - dt * now.v.y, now.x.z - dt * now.v.z};
+    for (; b < count; ++b)
+      now = touch<T>(bodies[b], moving[b], start, now);
+    const V<T> damping = load(p.damping);
+    set<T>(x + i, now.x), set<T>(v + i, now.v);
+    set<T>(y + i, V3<T>{now.x.x + damping * now.v.x, now.x.y + damping * now.v.y, now.x.z + damping * now.v.z});
   }
-  keep_out(bodies, p, s.cols, f.start, x, v, y);
 }
 
 // At a frame's end: what contact leaves of velocities that go on for dt.
@@ -78,13 +68,14 @@ template <class T>
 void rest(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies) {
   constexpr int q = 3 * kLanes<T>;
   const V<T> dt = load(p.dt);
+  const std::vector<Moving<T>>& moving = moving_bodies(bodies, p);
   for (int r = 0; r < s.rows; ++r) {
     T *const x = f.x + s.at(r, 0), *const v = f.v + s.at(r, 0), *const trial = f.y + s.at(r, 0);
     for (int i = 0; i < s.cols * q; i += q) {
       const V3<T> at = get<T>(x + i), u = get<T>(v + i);
       set<T>(trial + i, V3<T>{at.x + dt * u.x, at.y + dt * u.y, at.z + dt * u.z});
     }
-    keep_out(bodies, p, s.cols, x, trial, v, f.low);
+    keep_out(bodies, moving, p, s.cols, trial, v, f.low);
   }
 }
 
@@ -131,6 +122,7 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
   const std::ptrdiff_t to_x = f.x - f.y, to_v = f.v - f.y, to_slow = f.slow - f.y;
   T* const arrive = f.arrive;
   ghosts(s, f.x, 0, 1), ghosts(s, f.y, 0, 1);
+  const std::vector<Moving<T>>* const moving = kPart == Part::kBodies ? &moving_bodies(bodies, p) : nullptr;
 
   // What edges to d pull with, over d; e are the same of y.
   const auto edges = [&](const V3<T> (&d)[4], const V3<T> (&e)[4], const Spring<T>* const (&springs)[4], V<T> (&p)[4])
@@ -209,7 +201,7 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
       set_pulls<T>(arrive + (cols - 1) * w, down_before);
     }
     if constexpr (kPart == Part::kBodies)
-      if (r) keep_out(s, f, p, bodies, r);
+      if (r) keep_out(bodies, *moving, p, cols, f.x + s.at(r, 0), f.v + s.at(r, 0), row);
   }
   // The first row waited: what arrives there comes from the last row of the band before.
   const V<T> inner = accelerate * load(s.inverse_area.data()), fall = load(p.gravity_kick) * load(s.inside.data());
@@ -220,7 +212,8 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
     const bool border = !s.periodic && (c == 0 || c == cols - 1);
     move(y0, get<T>(y0 + to_x), all, border ? T(2) * inner : inner, fall);
   }
-  if constexpr (kPart == Part::kBodies) keep_out(s, f, p, bodies, 0);
+  if constexpr (kPart == Part::kBodies)
+    keep_out(bodies, *moving, p, cols, f.x + s.at(0, 0), f.v + s.at(0, 0), f.y + s.at(0, 0));
   if constexpr (kPart == Part::kLast)
     if (!bodies.empty()) rest(s, f, p, bodies);
 }
