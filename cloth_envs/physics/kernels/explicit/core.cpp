@@ -20,8 +20,8 @@ struct Workspace {
   std::vector<std::ptrdiff_t> shape;
   Fields<T> prepare(const Strips<T>& s) {
     const std::size_t line = (s.cols + 2) * 4 * s.width;
-    const std::vector<std::ptrdiff_t> wanted = {s.rows, s.cols, s.width, s.banded, s.periodic, s.turned,
-                                                std::ptrdiff_t(s.places.size())};
+    const std::vector<std::ptrdiff_t> wanted = {
+        s.rows, s.cols, s.width, s.banded, s.periodic, s.turned, std::ptrdiff_t(s.places.size())};
     if (shape != wanted) memory.assign(7 * s.field + 3 * line, T(0)), shape = wanted;
     T* at = memory.data();
     Fields<T> f;

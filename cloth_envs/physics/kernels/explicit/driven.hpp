@@ -65,7 +65,8 @@ class LaneBodies {
     lanes_.push_back({first, last, body_paths(sheet, frame)});
     for (std::size_t i = 0; i < bodies_.size(); ++i)
       for (int k = 0; k < 3; ++k)
-        if (bodies_[i].shape == Shape::kSphere && !(lanes_.back().paths[6 * i + k] == lanes_.back().paths[6 * i + 3 + k]))
+        if (bodies_[i].shape == Shape::kSphere &&
+            !(lanes_.back().paths[6 * i + k] == lanes_.back().paths[6 * i + 3 + k]))
           bodies_[i].shape = Shape::kCapsule;
     to(0), to(0);
   }

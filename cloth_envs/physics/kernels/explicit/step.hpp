@@ -1,115 +1,14 @@
 // One substep of all vertices, in place. Included where it is compiled for an instruction set.
 #pragma once
-#include "../sheet/contact.hpp"
-#include "ghosts.hpp"
+#include "keep_out.hpp"
+#include "springs.hpp"
 
 namespace minicloth {
 namespace LANES {
 namespace {
 
-// A spring's k, and L k times the numbers of rsqrt's Newton step.
-template <class T>
-struct Spring {
-  V<T> k, half, most, length;
-  Spring(const V<T>& k_, T length_)
-      : k(k_), half((T(0.5) * length_) * k_), most((T(1.5) * length_) * k_), length(V<T>{} + length_) {}
-};
-
-// k (1 - L / sqrt(square)) of four springs; their instructions are interleaved, so that none waits for the one before.
-inline void pull(V<float> (&q)[4], const Spring<float>* const (&s)[4]) {
-  V<float> e[4], p[4];
-  for (int i = 0; i < 4; ++i) e[i] = rsqrt_estimate(q[i]);
-  for (int i = 0; i < 4; ++i) p[i] = q[i] * e[i];
-  for (int i = 0; i < 4; ++i) p[i] = p[i] * e[i];
-  for (int i = 0; i < 4; ++i) p[i] = p[i] * s[i]->half - s[i]->most;
-  for (int i = 0; i < 4; ++i) q[i] = p[i] * e[i] + s[i]->k;
-}
-inline void pull(V<double> (&q)[4], const Spring<double>* const (&s)[4]) {
-  for (int i = 0; i < 4; ++i) q[i] = s[i]->k - s[i]->k * (s[i]->length * rsqrt(q[i]));
-}
-
-template <class T>
-inline V<T> square(const V3<T>& d) {
-  return d.x * d.x + (d.y * d.y + (d.z * d.z + tiny<T>));
-}
-
-// The bodies in a substep.
-template <class T>
-std::vector<Moving<T>>& moving_bodies(const std::vector<BodyLanes<T>>& bodies, const StepTerms<T>& p) {
-  thread_local std::vector<Moving<T>> all;
-  all.clear();
-  for (const BodyLanes<T>& body : bodies) all.emplace_back(body, load(p.dt));
-  return all;
-}
-
-// Contact of the `cols` vertices of a row that went at v for dt to x, with all bodies in turn.
-template <class T>
-void keep_out(const std::vector<BodyLanes<T>>& bodies, const std::vector<Moving<T>>& moving, const StepTerms<T>& p,
-              int cols, T* x, T* v, T* y) {
-  constexpr int q = 3 * kLanes<T>;
-  const V<T> dt = load(p.dt);
-  const std::size_t count = moving.size();
-  for (int i = 0; i < cols * q; i += q) {
-    Vertex<T> now = {get<T>(x + i), get<T>(v + i)};
-    std::size_t b = 0;
-    while (b < count && !may_touch(moving[b], now.x, now.v)) ++b;
-    if (b == count) continue;
-    const V3<T> start = {now.x.x - dt * now.v.x, now.x.y - dt * now.v.y, now.x.z - dt * now.v.z};
-    for (; b < count; ++b)
-      now = touch<T>(bodies[b], moving[b], start, now);
-    const V<T> damping = load(p.damping);
-    set<T>(x + i, now.x), set<T>(v + i, now.v);
-    set<T>(y + i, V3<T>{now.x.x + damping * now.v.x, now.x.y + damping * now.v.y, now.x.z + damping * now.v.z});
-  }
-}
-
-// At a frame's end: what contact leaves of velocities that go on for dt.
-template <class T>
-void rest(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies) {
-  constexpr int q = 3 * kLanes<T>;
-  const V<T> dt = load(p.dt);
-  const std::vector<Moving<T>>& moving = moving_bodies(bodies, p);
-  for (int r = 0; r < s.rows; ++r) {
-    T *const x = f.x + s.at(r, 0), *const v = f.v + s.at(r, 0), *const trial = f.y + s.at(r, 0);
-    for (int i = 0; i < s.cols * q; i += q) {
-      const V3<T> at = get<T>(x + i), u = get<T>(v + i);
-      set<T>(trial + i, V3<T>{at.x + dt * u.x, at.y + dt * u.y, at.z + dt * u.z});
-    }
-    keep_out(bodies, moving, p, s.cols, trial, v, f.low);
-  }
-}
-
-// What springs pull to: the force is to - over * x, where `over` is the sum of what they pull with over their length.
-template <class T>
-struct Pulls {
-  V3<T> to;
-  V<T> over;
-};
-template <class T>
-inline Pulls<T> operator+(const Pulls<T>& a, const Pulls<T>& b) {
-  return {a.to + b.to, a.over + b.over};
-}
-template <class T>
-inline Pulls<T> towards(const V<T>& p, const V3<T>& x) {
-  return {p * x, p};
-}
-template <class T>
-inline Pulls<T> get_pulls(const T* at) {
-  return {get<T>(at), load(at + 3 * kLanes<T>)};
-}
-template <class T>
-inline void set_pulls(T* at, const Pulls<T>& p) {
-  set<T>(at, p.to), store<T>(at + 3 * kLanes<T>, p.over);
-}
-
-template <class T>
-inline Pulls<T> earlier(const Pulls<T>& p) {
-  const V<T> none = {};
-  return {earlier(p.to), late(none, p.over)};
-}
-
-// Every edge is evaluated once, at the vertex that it leaves towards column + 1, row + 1 or a diagonal, of which all are
-// still where they were; then the vertex moves. f = k (1 - L / |d + damping w|) d: the dashpot lies in the length.
+// Every edge is evaluated once, at the vertex that it leaves towards column + 1, row + 1 or a diagonal, of which all
+// are still where they were; then the vertex moves. f = k (1 - L / |d + damping w|) d: the dashpot lies in the length.
 template <class T, bool kYields, Part kPart>
 void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies) {
   constexpr int n = kLanes<T>, q = 3 * n, w = 4 * n;
@@ -125,8 +24,8 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
   const std::vector<Moving<T>>* const moving = kPart == Part::kBodies ? &moving_bodies(bodies, p) : nullptr;
 
   // What edges to d pull with, over d; e are the same of y.
-  const auto edges = [&](const V3<T> (&d)[4], const V3<T> (&e)[4], const Spring<T>* const (&springs)[4], V<T> (&p)[4])
-                         __attribute__((always_inline)) {
+  const auto edges = [&](const V3<T>(&d)[4], const V3<T>(&e)[4], const Spring<T>* const(&springs)[4],
+                         V<T>(&p)[4]) __attribute__((always_inline)) {
     for (int i = 0; i < 4; ++i) p[i] = e[i].x * e[i].x + tiny<T>;
     for (int i = 0; i < 4; ++i) p[i] += e[i].y * e[i].y;
     for (int i = 0; i < 4; ++i) p[i] += e[i].z * e[i].z;
@@ -143,8 +42,8 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
       }
     }
   };
-  const auto move = [&](T* y, const V3<T>& x, const Pulls<T>& all, const V<T>& kick, const V<T>& fall)
-                        __attribute__((always_inline)) {
+  const auto move = [&](T* y, const V3<T>& x, const Pulls<T>& all, const V<T>& kick,
+                        const V<T>& fall) __attribute__((always_inline)) {
     const V3<T> v = get<T>(y + to_v);
     const V3<T> force = (all.to - all.over * x) + get<T>(y + to_slow);
     const V3<T> u = {decay * v.x + kick * force.x, decay * v.y + kick * force.y, (decay * v.z - fall) + kick * force.z};

@@ -39,10 +39,18 @@ struct Moving {
   V3<T> axis, other;           // to the other end, or the normal; and how far the other end moves
   V<T> radius, radius2, over_radius, dt, rate, friction;
   Moving(const BodyLanes<T>& b, const V<T>& dt_)
-      : shape(b.shape), before(point(b.before[0])), after(point(b.after[0])), moved(after - before),
+      : shape(b.shape),
+        before(point(b.before[0])),
+        after(point(b.after[0])),
+        moved(after - before),
         axis(shape == Shape::kPlane ? point(b.after[1]) : point(b.after[1]) - after),
-        other(point(b.after[1]) - point(b.before[1])), radius(V<T>{} + b.radius), radius2(radius * radius),
-        over_radius(T(1) / radius), dt(dt_), rate(T(1) / dt_), friction(V<T>{} + b.friction) {}
+        other(point(b.after[1]) - point(b.before[1])),
+        radius(V<T>{} + b.radius),
+        radius2(radius * radius),
+        over_radius(T(1) / radius),
+        dt(dt_),
+        rate(T(1) / dt_),
+        friction(V<T>{} + b.friction) {}
 };
 
 // Whether vertices that a step took to x at velocity v may touch; some that do not pass.
@@ -60,8 +68,8 @@ inline bool may_touch(const Moving<T>& m, const V3<T>& x, const V3<T>& v) {
 }
 
 // Swept contact with Coulomb friction of vertices that the step took from x0 to x at velocity v. In the body's frame
-// one goes from p0 to p1; where it would enter, the tangent plane at the entry point holds it, at the speed of the body.
-// Friction takes up to mu times the normal change of velocity from the sliding speed.
+// one goes from p0 to p1; where it would enter, the tangent plane at the entry point holds it, at the speed of the
+// body. Friction takes up to mu times the normal change of velocity from the sliding speed.
 template <class T, Shape kShape>
 inline void touch_shape(const BodyLanes<T>& b, const Moving<T>& m, const V3<T>& x0, V3<T>& x, V3<T>& v) {
   const V<T> none = {}, one = none + T(1);
