@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 import numpy as np
 
+from cloth_envs import folds
 from cloth_envs.arguments import check_reset_options, check_seed, one_of, read_actions
 from cloth_envs.backend import plain_words
 from cloth_envs.observation import member
@@ -53,6 +54,8 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         if render_mode is not None:
             one_of("render_mode", render_mode, self.metadata["render_modes"])
         self.world = World(scene, **options)
+        if options.get("resolution") is not None:
+            folds.warn_coarse(self.world.scene)
         self.render_mode = render_mode
         self.metadata = {**type(self).metadata, "render_fps": round(1 / self.scene.frame_dt)}
         self.observation_space = self.world.observer.space

@@ -9,6 +9,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from cloth_envs import folds
 from cloth_envs.arguments import as_whole, check_mask, check_reset_options, check_seeds, one_of, whole_number
 from cloth_envs.backend import keywords, plain_words
 from cloth_envs.naming import counted
@@ -63,6 +64,8 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         if isinstance(given, dict) and "threads" in keywords(load_backend(options.get("backend", "reference"))):
             options["backend_kwargs"] = {"threads": threads, **given}
         self.world = World(scene, num_envs=num_envs, **options)
+        if options.get("resolution") is not None:
+            folds.warn_coarse(self.world.scene)
         self.num_envs = num_envs
         self.render_mode = None
         self.metadata = {

@@ -16,6 +16,12 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 
 
+@pytest.fixture(autouse=True)
+def coarse_grids_are_meant(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tests are fast on grids that are too coarse for folds."""
+    monkeypatch.setattr("cloth_envs.folds.warn_coarse", lambda scene: None)
+
+
 @pytest.fixture
 def stopped(monkeypatch: pytest.MonkeyPatch) -> Callable[[int], AbstractContextManager[object]]:
     """A context, entered by ``with`` and a number of steps: a training in it is interrupted after these."""

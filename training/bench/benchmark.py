@@ -28,6 +28,7 @@ BENCHMARKS: dict[str, str] = {
     "stability": "training.bench.stability.run",
     "transfer": "training.bench.transfer.run",
     "mesh": "training.bench.mesh",
+    "folds": "training.bench.folds",
     "endurance": "training.bench.endurance",
     "convergence": "training.bench.convergence",
     "peers": "training.bench.peers.run",

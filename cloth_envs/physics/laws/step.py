@@ -36,7 +36,7 @@ def slow_forces(scene: Scene, materials: Materials, state: State, controls: Cont
 
 
 def kicks(count: int) -> np.ndarray:
-    """Shares of the ``count + 1`` changes of the velocities in a frame of ``count`` substeps: those at its ends, half."""
+    """Shares of the ``count + 1`` changes of velocities in a frame of ``count`` substeps: half of those at its ends."""
     part = np.ones(count + 1)
     part[[0, -1]] = 0.5
     return part
