@@ -16,8 +16,8 @@ VARIABLE = "MINICLOTH_INSTRUCTION_SET"
 PRODUCTS = {"baseline": "Prescott", "avx2": "Haswell", "avx512": "SkylakeX"}
 PRODUCT = """
 import numpy as np, timeit
-a = np.ones((1024, 1024), np.float32)
-print(2 * 1024**3 / min(timeit.repeat(lambda: a @ a, number=1, repeat=21)))
+a = np.ones((512, 512), np.float32)
+print(2 * 512**3 / min(timeit.repeat(lambda: a @ a, number=1, repeat=301)))
 """
 
 

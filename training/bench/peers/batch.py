@@ -13,7 +13,7 @@ import numpy as np
 
 from cloth_envs.state import Controls, State
 from training.bench.participants import Participant
-from training.bench.peers.results import OWN, PeerRow, label, levels_of, rivals
+from training.bench.peers.results import OWN, PeerRow, label, rivals
 from training.bench.peers.scenes import LATE, TITLES, Setup, clock
 
 BATCH = 32

@@ -20,6 +20,7 @@ class Work(NamedTuple):
         return Work(self.operations + other.operations / held, self.instructions + other.instructions / held)
 
 
+NOTHING = Work(0, 0)
 # Of an inner vertex of even cloth in float32, by the kernels' source (explicit/step.hpp, slow.hpp, sheet/air.hpp,
 # contact.hpp); comparisons and shuffles are not counted. Four edges and the step:
 SPRINGS = Work(4 * (16 + 7) + 24 + 31, 4 * (11 + 4) + 18 + 18)
@@ -37,7 +38,7 @@ class Term:
 
     material: Material
     every: Work
-    slow: Work = Work(0, 0)
+    slow: Work = NOTHING
     extra: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     body: tuple[tuple[float, float, float], tuple[float, float, float]] | None = None
 
