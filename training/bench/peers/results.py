@@ -84,11 +84,12 @@ NOTE = (
 
 
 def label(row: PeerRow) -> str:
-    """``MuJoCo elastic substeps=2``."""
+    """``MuJoCo elastic substeps=2`` or ``MiniCloth explicit refine=1, avx2``."""
     options = json.loads(row.settings)
     name = options.pop("solver" if row.engine == OWN else "method", "")
     given = [f"{key}={value}" for key, value in options.items()]
-    return " ".join(filter(None, [row.engine, row.instruction_set, name, *given]))
+    text = " ".join(filter(None, [row.engine, name, *given]))
+    return f"{text}, {row.instruction_set}" if row.instruction_set else text
 
 
 def levels_of(rows: Sequence[PeerRow]) -> list[str]:
