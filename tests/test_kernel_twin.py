@@ -161,6 +161,29 @@ def test_a_frame_of_everything(grid: Grid, dtype: str) -> None:
     assert abs(bare.positions - want.positions).max() > 1e-3  # the bodies do touch
 
 
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+@pytest.mark.parametrize("grid", [*GRIDS.values(), Grid(33, 9, 1.0, 0.4)], ids=[*GRIDS, "long"])
+def test_a_batch_is_bit_equal_to_its_members(grid: Grid, dtype: str) -> None:
+    """Whether a cloth has the lanes of the vectors to itself or shares them with others, of other materials too."""
+    bodies = (Collider("sphere", 0.1, 0.4), Collider("plane", friction=0.2))
+    scene = Scene("many", grid, SHEETS[0], 4e-3, (0, grid.cols - 1), air=Air(max_wind=12.0), colliders=bodies)
+    materials, batch = [SHEETS[i % 3] for i in range(21)], 21
+    state = with_bodies(crumpled(grid, batch, 0.1), bodies).astype(dtype)
+    controls = controls_for(scene, state)
+    ends = []
+    for members in ([[*range(batch)]], [[i] for i in range(batch)], [[*range(18)], [18, 19, 20]]):
+        for which in members:
+            solver = ExplicitSolver(scene, num_envs=len(which), dtype=dtype, threads=2)
+            solver.reset(state.select(which), [materials[i] for i in which])
+            part = Controls(**{name: value[which] for name, value in vars(controls).items()})
+            ends.append(solver.advance(part).copy())
+    whole, parts = ends[0], ends[1:]
+    for name in ("positions", "velocities"):
+        assert np.isfinite(getattr(whole, name)).all()
+        for group in (parts[:batch], parts[batch:]):
+            np.testing.assert_array_equal(getattr(whole, name), np.concatenate([getattr(s, name) for s in group]))
+
+
 def test_states_in_fortran_order_are_stepped_alike() -> None:
     scene = Scene("order", Grid(9, 7, 1.0, 0.8), Material(), 0.01)
     state = crumpled(scene.grid, 1)

@@ -83,8 +83,9 @@ class Collision(Task):
         grips = (Grip((0.0, 0.0), GRIP), Grip((0.0, grid.width), GRIP))
         ball = Collider("sphere", RADIUS, 0.3, "ball")
         return Scene(
-            "Collision", grid, material, cls.frame_dt, handles=held(grid, grips), grips=grips, colliders=(ball,), air=Air()
-        )
+            "Collision", grid, material, cls.frame_dt, handles=held(grid, grips), grips=grips, air=Air(),
+            colliders=(ball,),
+        )  # fmt: skip
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

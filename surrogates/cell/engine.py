@@ -139,5 +139,5 @@ class TorchSheet(CellSheet):
                 start = old.select(which)
                 x, v = (torch.as_tensor(a).to(like) for a in (start.positions, start.velocities))
                 sheets = properties([self._materials[i] for i in which], like)
-                x, v = frame(self.cell, self.scene, sheets, x, v, start, part, *map(int, cut), self._forces)
+                x, v = frame(self.cell, self.scene, sheets, x, v, start, part, int(cut[0]), int(cut[1]), self._forces)
                 new.positions[which], new.velocities[which] = x.cpu().numpy(), v.cpu().numpy()

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from cloth_envs.physics.laws.drives import handle_starts, hermite
+from cloth_envs.physics.laws.step import foresight, kicks
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import Controls, State
 from surrogates.cell.sheet import TINY, Force, SheetCell, cut, place
@@ -96,8 +97,7 @@ def frame(
 
     dt, held, shape = scene.frame_dt, list(scene.handles), x.shape
     h = dt / substeps
-    drag, part = sheets["drag"], np.ones(substeps + 1)
-    part[[0, -1]] = 0.5
+    drag, part, past, slow = sheets["drag"], kicks(substeps).tolist(), v, torch.zeros_like(x)
     wind, pressure, index = tensor(controls.wind), tensor(controls.pressure), torch.tensor(held, device=x.device)
     ends = [tensor(a.transpose(0, 2, 1)) for a in (controls.handle_positions, controls.handle_velocities)]
     now = [a.flatten(2)[..., held].transpose(1, 2) for a in (x, v)]
@@ -110,11 +110,8 @@ def frame(
     cubic = [bodies, *rest]
     for k in range(substeps + 1):
         if k % hold == 0:
-            kicks = part[k : k + hold]
-            later = h * float(np.average(np.arange(len(kicks)), weights=kicks))
-            then, seen = x + later * v, v
-            if k:
-                seen = v + (later + h / 2) / (h * (hold if k > hold else hold - 0.5)) * (v - past)
+            later, trend = foresight(k, hold, substeps)
+            then, seen = x + later * h * v, v + trend * (v - past)
             past, slow = v, cell.bending(then, sheets)
             if scene.air is not None or scene.pressure:
                 slow = slow + air_forces(scene, then, seen, wind, pressure)
@@ -141,7 +138,8 @@ def frame(
             drawn = h * rate / (1 + h * h * rate) * (path - x.flatten(2)[..., held])  # as laws.drives.put_handles
             drawn = drawn if k < substeps else torch.zeros_like(drawn)
             driven = [
-                torch.where(firm, a, b.flatten(2)[..., held] + c) for a, b, c in ((path, x, h * drawn), (speed, v, drawn))
+                torch.where(firm, a, b.flatten(2)[..., held] + c)
+                for a, b, c in ((path, x, h * drawn), (speed, v, drawn))
             ]
             x, v = (a.flatten(2).index_copy(2, index, b).reshape(shape) for a, b in zip((x, v), driven, strict=True))
     return x, v

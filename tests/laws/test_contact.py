@@ -45,7 +45,7 @@ def test_a_sheet_rests_on_a_slope_below_the_angle_of_friction(kind: str) -> None
 def test_a_sheet_slides_down_a_steeper_slope(kind: str) -> None:
     for angle in (np.arctan(MU) + 0.02, 0.9):
         scene, state, downhill = on_slope(kind, angle)
-        states, h = run(scene, state, frames=15)
+        states, _ = run(scene, state, frames=15)
         t = np.arange(16) * scene.frame_dt
         way = (centre(scene, states) - centre(scene, states)[0]) @ downhill
         law = G * (np.sin(angle) - MU * np.cos(angle))

@@ -65,8 +65,8 @@ def run(
 ) -> tuple[list[State], float]:
     """States at the frames' ends, the start included, and the substep's length [s].
 
-    ``drive`` gives the controls: fixed, a function of frame number and state, or None to hold everything. ``held`` is for
-    how many substeps slow forces are held, at most.
+    ``drive`` gives the controls: fixed, a function of frame number and state, or None to hold everything. ``held`` is
+    for how many substeps slow forces are held, at most.
     """
     backend = ExplicitSolver(scene, num_envs=state.batch, dtype=dtype, substeps=substeps, held=held)
     backend.reset(state)

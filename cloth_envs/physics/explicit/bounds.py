@@ -29,7 +29,12 @@ def directed_bound(scene: Scene, material: Material) -> float:
     for angle in (0.0, SHEAR):
         col, row = np.array([b, 0.0]), a * np.array([np.sin(angle), np.cos(angle)])
         matrix = np.zeros((*p.shape, 2, 2))
-        edges = [(col, q, stretch * a / b), (row, p, stretch * b / a), (row + col, p + q, shear), (row - col, p - q, shear)]
+        edges = [
+            (col, q, stretch * a / b),
+            (row, p, stretch * b / a),
+            (row + col, p + q, shear),
+            (row - col, p - q, shear),
+        ]
         for d, phase, k in edges:
             matrix += (k * (2 - 2 * np.cos(phase)))[..., None, None] * np.outer(d, d) / (d @ d)
         worst = max(worst, float(np.linalg.eigvalsh(matrix)[..., -1].max()))
@@ -63,7 +68,8 @@ def interval(scene: Scene, material: Material, h: float, pressure: float = PRESS
     """For how many substeps of ``h`` [s] bending, the air and pressure may be held, 1 at least.
 
     Held for a time T at the position ``T / 2`` ahead, a force of frequency ``w`` neither gains nor takes energy while
-    ``w T < 2``: here below 1. The air, at velocities extrapolated by ``T / 2``, is stable for rates ``c T < 1``: here 1/2.
+    ``w T < 2``: here below 1. The air, at velocities extrapolated by ``T / 2``, is stable for rates ``c T < 1``: here
+    below 1/2.
     """
     slow = stiffness_bound(scene, material)[1] + pressure_bound(scene, material, pressure)
     rate = max(np.sqrt(slow), 2 * air_bound(scene, material, pressure))

@@ -69,9 +69,7 @@ class ExplicitSolver(Solver):
         for i, m in zip(which, materials, strict=True):
             self._stepped[i], self._felt[i], self.cuts[i] = m, kernel_material(m), self._cut(m)
 
-    def _cut(
-        self, material: Material, pressure: float = PRESSURE, cause: str = "this material"
-    ) -> tuple[int, int]:
+    def _cut(self, material: Material, pressure: float = PRESSURE, cause: str = "this material") -> tuple[int, int]:
         """How a frame is cut: substeps, and for how many slow forces are held. Raises ValueError: see ``_count``."""
         count = self._count(material, pressure, cause)
         return count, min(interval(self.scene, material, self.scene.frame_dt / count, pressure), self._held)

@@ -71,8 +71,8 @@ def spring_energy(grid: Grid, materials: Materials, x: np.ndarray) -> np.ndarray
 def damper_forces(grid: Grid, materials: Materials, x: np.ndarray, v: np.ndarray) -> Forces:
     """``f_i = c (d^ . (v_j - v_i)) d^`` along the same edges, ``c = damping * k * L / |d|``.
 
-    A dashpot in the length (``damped_spring_forces``): what the tension is a moment later. Of a shortened spring that is
-    multiplied by ``compression_damping``.
+    A dashpot in the length (``damped_spring_forces``): what the tension is a moment later. Of a shortened spring that
+    is multiplied by ``compression_damping``.
     """
     at, speed, out = flat(x), flat(v), np.zeros_like(flat(x))
     for edge in edges(grid):

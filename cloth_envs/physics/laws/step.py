@@ -35,6 +35,24 @@ def slow_forces(scene: Scene, materials: Materials, state: State, controls: Cont
     return force + pressure_forces(grid, x, controls.pressure) if scene.pressure else force
 
 
+def kicks(count: int) -> np.ndarray:
+    """Shares of the ``count + 1`` changes of the velocities in a frame of ``count`` substeps: those at its ends, half."""
+    part = np.ones(count + 1)
+    part[[0, -1]] = 0.5
+    return part
+
+
+def foresight(substep: int, held: int, count: int) -> tuple[float, float]:
+    """How far ahead slow forces are looked for at ``substep``, if they are held for ``held`` of ``count`` substeps.
+
+    Substeps to the middle of their kicks, and how much of the velocities' change since they were last looked for is
+    added to these by then. Velocities are half a substep old, but at a frame's start.
+    """
+    part = kicks(count)[substep : substep + held]
+    later = float(np.average(np.arange(len(part)), weights=part))
+    return later, 0.0 if substep == 0 else (later + 0.5) / (held if substep > held else held - 0.5)
+
+
 def step(
     scene: Scene,
     state: State,
@@ -44,45 +62,39 @@ def step(
 ) -> State:
     """One frame by velocity Verlet, with slow forces held for a few substeps; the result is in float64.
 
-    ``substeps`` is a number for all, or of each cloth ``(B, 2)``: their number, and for how many of them slow forces are
-    held. ``materials`` default to the scene's. At the start of a substep of length h:
-    ``v <- v D + (F + G) / m h phi`` with ``F`` springs with their dashpots and weight, ``G`` bending and air,
+    ``substeps`` is a number for all, or of each cloth ``(B, 2)``: their number, and for how many of them slow forces
+    are held. ``materials`` default to the scene's. At the start of a substep of length h:
+    ``v <- v D + (F + G) / m h phi`` with ``F`` springs with their dashpots and weight, ``G`` bending, air, pressure,
     ``D = exp(-drag h)``, ``phi = (1 - D) / (drag h)`` (exact for a constant force); half of it (h / 2) in a frame's
     first, and again at its end. Then ``x <- x + h v``, contact with every body in turn; handles go, or are drawn, to
-    their cubics (``put_handles``). ``G`` is that of the middle of the time for which it is held: of positions that go on
-    as they move, and for the air of velocities that go on changing as since it was last computed. Velocities at the end
-    are those that contact leaves of them if they go on for half a substep.
+    their cubics (``put_handles``). ``G`` is that of the middle of the time for which it is held: of positions that go
+    on as they move, and for the air of velocities that go on changing as since it was last computed. Velocities at the
+    end are those that contact leaves of them if they go on for half a substep.
     """
     materials = [scene.material] * state.batch if materials is None else materials
     if isinstance(substeps, np.ndarray):
         out = state.astype(np.float64)
         for i, cut in enumerate(substeps):
             one = Controls(**{name: value[[i]] for name, value in vars(controls).items()})
-            out.assign([i], _frame(scene, state.select([i]), one, *map(int, cut), [materials[i]]))
+            out.assign([i], _frame(scene, state.select([i]), one, int(cut[0]), int(cut[1]), [materials[i]]))
         return out
     return _frame(scene, state, controls, substeps, 1, materials)
 
 
-def _frame(
-    scene: Scene, state: State, controls: Controls, count: int, held: int, materials: Materials
-) -> State:
+def _frame(scene: Scene, state: State, controls: Controls, count: int, held: int, materials: Materials) -> State:
     """A frame of ``count`` substeps."""
     old, now = state.astype(np.float64), state.astype(np.float64)
     h, mass = scene.frame_dt / count, masses(scene.grid, materials)
     decay = h * values(materials, "drag")[:, :, None, None]
     weight = gravity_forces(scene.grid, materials, now.positions, scene.gravity)
     stiffness = np.array([m.stretch_stiffness / m.areal_density for m in materials])
-    part = np.ones(count + 1)  # of a substep's kick
-    part[[0, -1]] = 0.5
+    part, before, slow = kicks(count), now.velocities, weight
     for substep in range(count + 1):
         if substep % held == 0:
-            kicks = part[substep : substep + held]
-            later = h * np.average(np.arange(len(kicks)), weights=kicks)
+            later, trend = foresight(substep, held, count)
             then = now.copy()
-            then.positions = now.positions + later * now.velocities
-            if substep:  # velocities are half a substep old, but at a frame's start
-                since = h * (held if substep > held else held - 0.5)
-                then.velocities = now.velocities + (later + h / 2) / since * (now.velocities - before)
+            then.positions = now.positions + later * h * now.velocities
+            then.velocities = now.velocities + trend * (now.velocities - before)
             before, slow = now.velocities, slow_forces(scene, materials, then, controls)
         force = damped_spring_forces(scene.grid, materials, now.positions, now.velocities) + weight + slow
         lost = part[substep] * decay

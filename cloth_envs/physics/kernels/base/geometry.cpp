@@ -6,12 +6,10 @@
 namespace minicloth {
 
 template <class T>
-Geometry<T>::Geometry(int rows_, int cols_, double a, double b, bool periodic_, bool packed)
+Geometry<T>::Geometry(int rows_, int cols_, double a, double b, bool periodic_)
     : rows(rows_),
       cols(cols_),
-      stride(periodic_ ? std::max(cols_ + 2 * kGhost, kBlock + 2)
-             : packed  ? cols_
-                       : std::max(cols_ + kGhost, kBlock + 2)),
+      stride(std::max(cols_ + (periodic_ ? 2 : 1) * kGhost, kBlock + 2)),
       periodic(periodic_),
       row_length(T(a)),
       col_length(T(b)),

@@ -7,9 +7,8 @@
 namespace minicloth {
 
 // A vertex (r, c) is element origin + r * stride + c. Two ghost rows lie above and below and at least
-// two ghost columns between rows, so that a neighbour up to distance two is a constant offset. Open grids may be
-// packed, with no ghost columns: beyond the end of a row lies the next one. Edges that do not exist have weight 0,
-// which makes masks unnecessary.
+// two ghost columns between rows, so that a neighbour up to distance two is a constant offset. Edges that do not exist
+// have weight 0, which makes masks unnecessary.
 constexpr int kGhost = 2;
 constexpr int kBlock = 16;  // loops run over whole blocks, the tail lies in ghosts
 
@@ -44,7 +43,7 @@ struct Geometry {
   Plane<T> inverse_area;  // 1/m^2, 0 in ghosts
   Plane<T> cell;          // 1 where a cell's upper left corner is, else 0
 
-  Geometry(int rows, int cols, double row_length, double col_length, bool periodic, bool packed = false);
+  Geometry(int rows, int cols, double row_length, double col_length, bool periodic);
   int vertices() const { return rows * cols; }
   int at(int r, int c) const { return origin + r * stride + c; }
   int at(int vertex) const { return at(vertex / cols, vertex % cols); }

@@ -20,13 +20,13 @@ struct Workspace {
   std::vector<std::ptrdiff_t> shape;
   Fields<T> prepare(const Strips<T>& s) {
     const std::size_t line = (s.cols + 2) * 4 * s.width;
-    const std::vector<std::ptrdiff_t> wanted = {s.rows, s.cols, s.width, s.banded, s.periodic, s.turned,
-                                                std::ptrdiff_t(s.places.size())};
-    if (shape != wanted) memory.assign(7 * s.field + 4 * line, T(0)), shape = wanted;
+    const std::vector<std::ptrdiff_t> wanted = {
+        s.rows, s.cols, s.width, s.banded, s.periodic, s.turned, std::ptrdiff_t(s.places.size())};
+    if (shape != wanted) memory.assign(7 * s.field + 3 * line, T(0)), shape = wanted;
     T* at = memory.data();
     Fields<T> f;
     for (T** field : {&f.x, &f.y, &f.v, &f.slow, &f.ahead, &f.mid, &f.past}) *field = std::exchange(at, at + s.field);
-    for (T** row : {&f.arrive, &f.first, &f.low, &f.start}) *row = std::exchange(at, at + line) + 4 * s.width;
+    for (T** row : {&f.arrive, &f.first, &f.low}) *row = std::exchange(at, at + line) + 4 * s.width;
     return f;
   }
 };
@@ -68,15 +68,15 @@ double middle(int first, int end, int count) {
 // A field (3, H, W) of cloth `member`.
 template <class T>
 void put(const Strips<T>& s, const T* from, int member, T* field) {
-  for (int k = 0; k < 3; ++k, field += s.width)
-    for (const int place : s.places) field[place + member] = *from++;
+  for (int k = 0; k < 3; ++k, field += s.width, from += s.places.size())
+    for (const int vertex : s.order) field[s.places[vertex] + member] = from[vertex];
 }
 // And back; whether all of it is finite.
 template <class T>
 bool take(const Strips<T>& s, const T* field, int member, T* to) {
   T none = 0;
-  for (int k = 0; k < 3; ++k, field += s.width)
-    for (const int place : s.places) none += T(0) * (*to++ = field[place + member]);
+  for (int k = 0; k < 3; ++k, field += s.width, to += s.places.size())
+    for (const int vertex : s.order) none += T(0) * (to[vertex] = field[s.places[vertex] + member]);
   return none == 0;
 }
 

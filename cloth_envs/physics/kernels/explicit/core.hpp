@@ -14,11 +14,11 @@ namespace minicloth {
 // Fields of Strips, and three rows between which forces wait.
 template <class T>
 struct Fields {
-  T *x, *y, *v;             // positions, those `damping` times the velocity later, velocities
-  T* slow;                  // forces that are held for some substeps [N]
-  T *ahead, *mid, *past;    // positions and velocities that they are computed with; velocities when they last were
-  // Rows: what edges from the row above bring, and those of the first row; the air on the row below; where a row was.
-  T *arrive, *first, *low, *start;
+  T *x, *y, *v;           // positions, those `damping` times the velocity later, velocities
+  T* slow;                // forces that are held for some substeps [N]
+  T *ahead, *mid, *past;  // positions and velocities that they are computed with; velocities when they last were
+  // Rows: what edges from the row above bring, and those of the first row; the air on the row below.
+  T *arrive, *first, *low;
 };
 
 template <class T>
@@ -27,7 +27,7 @@ using Lanes = T[kMostLanes<T>];
 // What a substep needs of every lane's cloth.
 template <class T>
 struct StepTerms {
-  alignas(64) Lanes<T> stretch, shear, damping;          // N/m, N/m, s
+  alignas(64) Lanes<T> stretch, shear, damping;           // N/m, N/m, s
   Lanes<T> yields, buckled, buckling, shortened_damping;  // of a shortened spring: see core.cpp
   Lanes<T> accelerate, decay, gravity_kick, dt;           // force/area -> dv, v factor, dv of gravity, s
 };

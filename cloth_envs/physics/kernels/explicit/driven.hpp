@@ -14,18 +14,22 @@ template <class T>
 class HeldVertices {
  public:
   void add(const Sheet& sheet, const Frame<T>& frame, const Material& m, const Strips<T>& s, int member) {
-    const auto same = [](int vertex) { return vertex; };
-    for (const Handle& handle : handles_of(sheet, frame, m.stretch_stiffness / m.areal_density, same))
-      all_.push_back({s.places[handle.at] + member, handle});
+    const auto place = [&](int vertex) { return s.places[vertex] + member; };
+    for (const Handle& h : handles_of(sheet, frame, m.stretch_stiffness / m.areal_density, place)) {
+      if (h.moves || !h.firm())
+        moving_.push_back(h);
+      else
+        still_.push_back({h.at, {T(h.path[0].p0), T(h.path[1].p0), T(h.path[2].p0)}});
+    }
   }
   // At s of the frame, the end of a step of dt, which is 0 for the half kick at the end: firm ones are put on their
   // paths, soft ones drawn there.
   void hold(const Fields<T>& f, const StepTerms<T>& terms, int width, double s, double dt) const {
-    for (const Held& held : all_) {
-      const T damping = terms.damping[held.at % width];
-      const Handle& h = held.handle;
-      for (int k = 0; k < 3; ++k) {
-        const std::ptrdiff_t at = held.at + k * width;
+    for (const Still& h : still_)
+      for (int k = 0, at = h.at; k < 3; ++k, at += width) f.x[at] = f.y[at] = h.x[k], f.v[at] = T(0);
+    for (const Handle& h : moving_) {
+      const T damping = terms.damping[h.at % width];
+      for (int k = 0, at = h.at; k < 3; ++k, at += width) {
         T x = T(h.position(k, s)), v = T(h.velocity(k, s));
         if (!h.firm()) {
           const T drawn = dt > 0 ? T(h.share(k, dt) * (h.position(k, s) - f.x[at])) : T(0);
@@ -37,11 +41,12 @@ class HeldVertices {
   }
 
  private:
-  struct Held {
-    std::ptrdiff_t at;
-    Handle handle;
+  struct Still {
+    int at;
+    T x[3];
   };
-  std::vector<Held> all_;
+  std::vector<Still> still_;
+  std::vector<Handle> moving_;
 };
 
 // The bodies of all lanes in one substep after the other.
@@ -60,7 +65,8 @@ class LaneBodies {
     lanes_.push_back({first, last, body_paths(sheet, frame)});
     for (std::size_t i = 0; i < bodies_.size(); ++i)
       for (int k = 0; k < 3; ++k)
-        if (bodies_[i].shape == Shape::kSphere && !(lanes_.back().paths[6 * i + k] == lanes_.back().paths[6 * i + 3 + k]))
+        if (bodies_[i].shape == Shape::kSphere &&
+            !(lanes_.back().paths[6 * i + k] == lanes_.back().paths[6 * i + 3 + k]))
           bodies_[i].shape = Shape::kCapsule;
     to(0), to(0);
   }

@@ -1,9 +1,6 @@
 // Compiled once per instruction set; LANES names the namespace.
 #include <algorithm>
-#include <type_traits>
 
-#include "../base/simd.hpp"
-#include "../sheet/contact.hpp"
 #include "core.hpp"
 #include "slow.hpp"
 #include "step.hpp"

@@ -1,6 +1,7 @@
 // Bending and the air, forces that change slowly. Included where it is compiled for an instruction set.
 #pragma once
 #include "../sheet/air.hpp"
+#include "core.hpp"
 #include "ghosts.hpp"
 
 namespace minicloth {
@@ -102,9 +103,8 @@ void slow_bending(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p)
   for (int r = 0; r < s.rows; ++r) {
     Bending<T> b(s, twist, r);
     const T* const row = f.ahead + s.at(r, 0);
-    const auto x = [&](int down, int c) __attribute__((always_inline)) {
-      return get<T>(row + down * s.stride + c * q);
-    };
+    const auto x = [&](int down, int c)
+                       __attribute__((always_inline)) { return get<T>(row + down * s.stride + c * q); };
     V3<T> here = x(0, 0), right = x(0, 1), up = x(-1, 0), down = x(1, 0);
     if (s.periodic) {
       const V3<T> left = x(0, -1);

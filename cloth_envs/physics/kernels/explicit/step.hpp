@@ -1,124 +1,14 @@
 // One substep of all vertices, in place. Included where it is compiled for an instruction set.
 #pragma once
-#include "../sheet/contact.hpp"
-#include "ghosts.hpp"
+#include "keep_out.hpp"
+#include "springs.hpp"
 
 namespace minicloth {
 namespace LANES {
 namespace {
 
-// A spring's k, and L k times the numbers of rsqrt's Newton step.
-template <class T>
-struct Spring {
-  V<T> k, half, most, length;
-  Spring(const V<T>& k_, T length_)
-      : k(k_), half((T(0.5) * length_) * k_), most((T(1.5) * length_) * k_), length(V<T>{} + length_) {}
-};
-
-// k (1 - L / sqrt(square)) of four springs; their instructions are interleaved, so that none waits for the one before.
-inline void pull(V<float> (&q)[4], const Spring<float>* const (&s)[4]) {
-  V<float> e[4], p[4];
-  for (int i = 0; i < 4; ++i) e[i] = rsqrt_estimate(q[i]);
-  for (int i = 0; i < 4; ++i) p[i] = q[i] * e[i];
-  for (int i = 0; i < 4; ++i) p[i] = p[i] * e[i];
-  for (int i = 0; i < 4; ++i) p[i] = p[i] * s[i]->half - s[i]->most;
-  for (int i = 0; i < 4; ++i) q[i] = p[i] * e[i] + s[i]->k;
-}
-inline void pull(V<double> (&q)[4], const Spring<double>* const (&s)[4]) {
-  for (int i = 0; i < 4; ++i) q[i] = s[i]->k - s[i]->k * (s[i]->length * rsqrt(q[i]));
-}
-
-template <class T>
-inline V<T> square(const V3<T>& d) {
-  return d.x * d.x + (d.y * d.y + (d.z * d.z + tiny<T>));
-}
-
-// Contact of `cols` vertices of a row that has moved from `start` with one body.
-template <class T, Shape kShape>
-void keep_out(const BodyLanes<T>& body, const StepTerms<T>& p, int cols, const T* start, T* x, T* v, T* y) {
-  constexpr int q = 3 * kLanes<T>;
-  const Moving<T> moving(body, load(p.dt));
-  for (int i = 0; i < cols * q; i += q) {
-    if (!may_touch<T, kShape>(body, moving, get<T>(start + i), get<T>(x + i))) continue;
-    V3<T> at = get<T>(x + i), u = get<T>(v + i);
-    touch<T, kShape>(body, moving, get<T>(start + i), at, u);
-    const V<T> damping = load(p.damping);
-    set<T>(x + i, at), set<T>(v + i, u);
-    set<T>(y + i, V3<T>{at.x + damping * u.x, at.y + damping * u.y, at.z + damping * u.z});
-  }
-}
-
-// The same with all bodies in turn.
-template <class T>
-void keep_out(const std::vector<BodyLanes<T>>& bodies, const StepTerms<T>& p, int cols, const T* start, T* x, T* v,
-              T* y) {
-  for (const BodyLanes<T>& body : bodies) {
-    if (body.shape == Shape::kSphere) keep_out<T, Shape::kSphere>(body, p, cols, start, x, v, y);
-    if (body.shape == Shape::kPlane) keep_out<T, Shape::kPlane>(body, p, cols, start, x, v, y);
-    if (body.shape == Shape::kCapsule) keep_out<T, Shape::kCapsule>(body, p, cols, start, x, v, y);
-  }
-}
-
-// Contact of a row that has moved.
-template <class T>
-void keep_out(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies,
-              int r) {
-  constexpr int q = 3 * kLanes<T>;
-  const V<T> dt = load(p.dt);
-  T *const x = f.x + s.at(r, 0), *const v = f.v + s.at(r, 0), *const y = f.y + s.at(r, 0);
-  for (int i = 0; i < s.cols * q; i += q) {
-    const V3<T> at = get<T>(x + i), u = get<T>(v + i);
-    set<T>(f.start + i, V3<T>{at.x - dt * u.x, at.y - dt * u.y, at.z - dt * u.z});
-  }
-  keep_out(bodies, p, s.cols, f.start, x, v, y);
-}
-
-// At a frame's end: what contact leaves of velocities that go on for dt.
-template <class T>
-void rest(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies) {
-  constexpr int q = 3 * kLanes<T>;
-  const V<T> dt = load(p.dt);
-  for (int r = 0; r < s.rows; ++r) {
-    T *const x = f.x + s.at(r, 0), *const v = f.v + s.at(r, 0), *const trial = f.y + s.at(r, 0);
-    for (int i = 0; i < s.cols * q; i += q) {
-      const V3<T> at = get<T>(x + i), u = get<T>(v + i);
-      set<T>(trial + i, V3<T>{at.x + dt * u.x, at.y + dt * u.y, at.z + dt * u.z});
-    }
-    keep_out(bodies, p, s.cols, x, trial, v, f.low);
-  }
-}
-
-// What springs pull to: the force is to - over * x, where `over` is the sum of what they pull with over their length.
-template <class T>
-struct Pulls {
-  V3<T> to;
-  V<T> over;
-};
-template <class T>
-inline Pulls<T> operator+(const Pulls<T>& a, const Pulls<T>& b) {
-  return {a.to + b.to, a.over + b.over};
-}
-template <class T>
-inline Pulls<T> towards(const V<T>& p, const V3<T>& x) {
-  return {p * x, p};
-}
-template <class T>
-inline Pulls<T> get_pulls(const T* at) {
-  return {get<T>(at), load(at + 3 * kLanes<T>)};
-}
-template <class T>
-inline void set_pulls(T* at, const Pulls<T>& p) {
-  set<T>(at, p.to), store<T>(at + 3 * kLanes<T>, p.over);
-}
-
-template <class T>
-inline Pulls<T> earlier(const Pulls<T>& p) {
-  const V<T> none = {};
-  return {earlier(p.to), late(none, p.over)};
-}
-
-// Every edge is evaluated once, at the vertex that it leaves towards column + 1, row + 1 or a diagonal, of which all are
-// still where they were; then the vertex moves. f = k (1 - L / |d + damping w|) d: the dashpot lies in the length.
+// Every edge is evaluated once, at the vertex that it leaves towards column + 1, row + 1 or a diagonal, of which all
+// are still where they were; then the vertex moves. f = k (1 - L / |d + damping w|) d: the dashpot lies in the length.
 template <class T, bool kYields, Part kPart>
 void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies) {
   constexpr int n = kLanes<T>, q = 3 * n, w = 4 * n;
@@ -131,10 +21,11 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
   const std::ptrdiff_t to_x = f.x - f.y, to_v = f.v - f.y, to_slow = f.slow - f.y;
   T* const arrive = f.arrive;
   ghosts(s, f.x, 0, 1), ghosts(s, f.y, 0, 1);
+  const std::vector<Moving<T>>* const moving = kPart == Part::kBodies ? &moving_bodies(bodies, p) : nullptr;
 
   // What edges to d pull with, over d; e are the same of y.
-  const auto edges = [&](const V3<T> (&d)[4], const V3<T> (&e)[4], const Spring<T>* const (&springs)[4], V<T> (&p)[4])
-                         __attribute__((always_inline)) {
+  const auto edges = [&](const V3<T>(&d)[4], const V3<T>(&e)[4], const Spring<T>* const(&springs)[4],
+                         V<T>(&p)[4]) __attribute__((always_inline)) {
     for (int i = 0; i < 4; ++i) p[i] = e[i].x * e[i].x + tiny<T>;
     for (int i = 0; i < 4; ++i) p[i] += e[i].y * e[i].y;
     for (int i = 0; i < 4; ++i) p[i] += e[i].z * e[i].z;
@@ -151,8 +42,8 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
       }
     }
   };
-  const auto move = [&](T* y, const V3<T>& x, const Pulls<T>& all, const V<T>& kick, const V<T>& fall)
-                        __attribute__((always_inline)) {
+  const auto move = [&](T* y, const V3<T>& x, const Pulls<T>& all, const V<T>& kick,
+                        const V<T>& fall) __attribute__((always_inline)) {
     const V3<T> v = get<T>(y + to_v);
     const V3<T> force = (all.to - all.over * x) + get<T>(y + to_slow);
     const V3<T> u = {decay * v.x + kick * force.x, decay * v.y + kick * force.y, (decay * v.z - fall) + kick * force.z};
@@ -209,7 +100,7 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
       set_pulls<T>(arrive + (cols - 1) * w, down_before);
     }
     if constexpr (kPart == Part::kBodies)
-      if (r) keep_out(s, f, p, bodies, r);
+      if (r) keep_out(bodies, *moving, p, cols, f.x + s.at(r, 0), f.v + s.at(r, 0), row);
   }
   // The first row waited: what arrives there comes from the last row of the band before.
   const V<T> inner = accelerate * load(s.inverse_area.data()), fall = load(p.gravity_kick) * load(s.inside.data());
@@ -220,7 +111,8 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
     const bool border = !s.periodic && (c == 0 || c == cols - 1);
     move(y0, get<T>(y0 + to_x), all, border ? T(2) * inner : inner, fall);
   }
-  if constexpr (kPart == Part::kBodies) keep_out(s, f, p, bodies, 0);
+  if constexpr (kPart == Part::kBodies)
+    keep_out(bodies, *moving, p, cols, f.x + s.at(0, 0), f.v + s.at(0, 0), f.y + s.at(0, 0));
   if constexpr (kPart == Part::kLast)
     if (!bodies.empty()) rest(s, f, p, bodies);
 }

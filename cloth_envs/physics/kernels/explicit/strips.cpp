@@ -1,6 +1,8 @@
 #include "strips.hpp"
 
+#include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 namespace minicloth {
@@ -21,6 +23,9 @@ Strips<T>::Strips(int sheet_rows, int sheet_cols, double a, double b, bool perio
     const int row = turned ? i % along_row : i / along_row, col = turned ? i / along_row : i % along_row;
     places.push_back(int(banded ? at(row % rows, col) + row / rows : at(row, col)));
   }
+  order.resize(places.size());
+  std::iota(order.begin(), order.end(), 0);
+  std::sort(order.begin(), order.end(), [&](int i, int j) { return places[i] < places[j]; });
   for (int r = 0; r < rows; ++r)
     for (int l = 0; l < width; ++l) {
       const int row = banded ? l * rows + r : r, i = r * width + l;

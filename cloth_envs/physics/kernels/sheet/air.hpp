@@ -87,9 +87,8 @@ inline void facets(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& 
     const V<T> share = load(cell + i) / T(6);  // a third of half the force to each vertex
     // Three times a triangle's velocity is the sum less the missing corner's.
     const V3<T> sum = (at(in.v, i) + at(in.v, i + 1)) + (at(in.v, i + s) + at(in.v, i + s + 1)) - wind3;
-    const auto force = [&](const V3<T>& n, int missing) __attribute__((always_inline)) {
-      return law(n, sum - at(in.v, missing));
-    };
+    const auto force = [&](const V3<T>& n, int missing)
+                           __attribute__((always_inline)) { return law(n, sum - at(in.v, missing)); };
     const V3<T> f0 = force(n0, i), f1 = force(n1, i + 1), f2 = force(n2, i + s + 1), f3 = force(n3, i + s);
     const V3<T> all = (f0 + f2) + (f1 + f3);
     put(out.corner[0], i, share * (all - f0));
@@ -101,9 +100,8 @@ inline void facets(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& 
 
 template <class T>
 void slowed_air_and_pressure(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Cells<T>& out) {
-  facets<T>(g, p, in, out, [&](const V3<T>& n, const V3<T>& u) __attribute__((always_inline)) {
-    return slowed_air_force(n, u, p);
-  });
+  facets<T>(g, p, in, out,
+            [&](const V3<T>& n, const V3<T>& u) __attribute__((always_inline)) { return slowed_air_force(n, u, p); });
 }
 
 // The energy whose gradient the air's force is in an implicit step:

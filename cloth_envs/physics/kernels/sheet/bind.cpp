@@ -22,8 +22,8 @@ void bind_sheet(nb::module_& m) {
           "__init__",
           [](Sheet* self, int rows, int cols, double row_length, double col_length, bool periodic, double frame_dt,
              double gravity, double thickness, bool air, bool pressure, double air_normal, double air_lift,
-             double air_tangential,
-             std::vector<int> handles, std::vector<double> hold, std::vector<int> lead, std::vector<Body> bodies) {
+             double air_tangential, std::vector<int> handles, std::vector<double> hold, std::vector<int> lead,
+             std::vector<Body> bodies) {
             need(rows >= 1 && cols >= 2, "a sheet has a row and two columns at least");
             for (int h : handles) need(h >= 0 && h < rows * cols, "a handle is not a vertex of the grid");
             need(hold.size() == 3 * handles.size() && lead.size() == handles.size(), "hold must be (N, 3), lead (N,)");
@@ -49,8 +49,8 @@ void bind_sheet(nb::module_& m) {
           },
           nb::kw_only(), nb::arg("rows"), nb::arg("cols"), nb::arg("row_length"), nb::arg("col_length"),
           nb::arg("periodic"), nb::arg("frame_dt"), nb::arg("gravity"), nb::arg("thickness"), nb::arg("air"),
-          nb::arg("pressure"), nb::arg("air_normal"), nb::arg("air_lift"), nb::arg("air_tangential"), nb::arg("handles"), nb::arg("hold"),
-          nb::arg("lead"), nb::arg("bodies"));
+          nb::arg("pressure"), nb::arg("air_normal"), nb::arg("air_lift"), nb::arg("air_tangential"),
+          nb::arg("handles"), nb::arg("hold"), nb::arg("lead"), nb::arg("bodies"));
   nb::class_<Material>(m, "Material", "One cloth's material, as cloth_envs.material has it.")
       .def(
           "__init__",

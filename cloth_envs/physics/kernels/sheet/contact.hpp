@@ -34,39 +34,50 @@ inline V3<T> axis_point(const Ends& ends, const V<T>& t) {
 // A body in one step of dt: what all vertices share.
 template <class T>
 struct Moving {
-  V3<T> before, after, moved, other;  // of a plane its point and normal; how far the first and the other end move
+  Shape shape;
+  V3<T> before, after, moved;  // its first end or its point, and how far that moves
+  V3<T> axis, other;           // to the other end, or the normal; and how far the other end moves
   V<T> radius, radius2, over_radius, dt, rate, friction;
   Moving(const BodyLanes<T>& b, const V<T>& dt_)
-      : before(point(b.before[0])), after(point(b.after[0])), moved(after - before),
-        other(point(b.after[1]) - point(b.before[1])), radius(V<T>{} + b.radius), radius2(radius * radius),
-        over_radius(T(1) / radius), dt(dt_), rate(T(1) / dt_), friction(V<T>{} + b.friction) {}
+      : shape(b.shape),
+        before(point(b.before[0])),
+        after(point(b.after[0])),
+        moved(after - before),
+        axis(shape == Shape::kPlane ? point(b.after[1]) : point(b.after[1]) - after),
+        other(point(b.after[1]) - point(b.before[1])),
+        radius(V<T>{} + b.radius),
+        radius2(radius * radius),
+        over_radius(T(1) / radius),
+        dt(dt_),
+        rate(T(1) / dt_),
+        friction(V<T>{} + b.friction) {}
 };
 
-// Whether vertices on their way from x0 to x1 may touch; some that do not pass.
-template <class T, Shape kShape>
-inline bool may_touch(const BodyLanes<T>& b, const Moving<T>& m, const V3<T>& x0, const V3<T>& x1) {
-  const V3<T> p = x1 - m.after;
-  if constexpr (kShape == Shape::kPlane) return any<T>(dot(point(b.after[1]), p) < m.radius);
-  const V3<T> start = x0 - m.before, d = p - start;
-  // In the body's frame it goes by d to p. To enter takes |start|^2 - R^2 <= -2 start . d, that is |p|^2 <= R^2 + |d|^2.
-  if constexpr (kShape == Shape::kSphere)
-    return any<T>((dot(p, p) < T(1.01) * dot(d, d) + m.radius2) | (dot(start, start) < m.radius2));
-  const V3<T> axis = point(b.after[1]) - m.after, turned = m.other - m.moved;
-  // A ball about one end that holds the capsule and its way.
-  return any<T>(dot(p, p) < T(4) * (m.radius2 + dot(axis, axis)) + T(6) * (dot(d, d) + dot(turned, turned)));
+// Whether vertices that a step took to x at velocity v may touch; some that do not pass.
+template <class T>
+inline bool may_touch(const Moving<T>& m, const V3<T>& x, const V3<T>& v) {
+  const V3<T> p = x - m.after;
+  if (m.shape == Shape::kPlane) return any<T>(dot(m.axis, p) < m.radius);
+  // In the body's frame one goes by d to p. To enter it, or to be held in the tangent plane where it was inside, takes
+  // |p - d|^2 - R^2 <= -2 (p - d) . d, that is |p|^2 <= R^2 + |d|^2.
+  const V3<T> d = m.dt * v - m.moved;
+  const V<T> way = dot(d, d);
+  if (m.shape == Shape::kSphere) return any<T>(dot(p, p) < m.radius2 + T(1.01) * way);
+  const V3<T> turned = m.other - m.moved;  // a ball about one end holds the capsule and its way
+  return any<T>(dot(p, p) < T(4) * (m.radius2 + dot(m.axis, m.axis)) + T(6) * (way + dot(turned, turned)));
 }
 
 // Swept contact with Coulomb friction of vertices that the step took from x0 to x at velocity v. In the body's frame
-// one goes from p0 to p1; where it would enter, the tangent plane at the entry point holds it, at the speed of the body.
-// Friction takes up to mu times the normal change of velocity from the sliding speed.
+// one goes from p0 to p1; where it would enter, the tangent plane at the entry point holds it, at the speed of the
+// body. Friction takes up to mu times the normal change of velocity from the sliding speed.
 template <class T, Shape kShape>
-inline void touch(const BodyLanes<T>& b, const Moving<T>& m, const V3<T>& x0, V3<T>& x, V3<T>& v) {
+inline void touch_shape(const BodyLanes<T>& b, const Moving<T>& m, const V3<T>& x0, V3<T>& x, V3<T>& v) {
   const V<T> none = {}, one = none + T(1);
   V3<T> n, body = m.moved;
   V<T> gap;
   auto touching = none < none;
   if constexpr (kShape == Shape::kPlane) {
-    n = point(b.after[1]), gap = dot(n, x - m.after) - m.radius, touching = gap < T(0);
+    n = m.axis, gap = dot(n, x - m.after) - m.radius, touching = gap < T(0);
   } else {
     V3<T> p0 = x0 - m.before, p1 = x - m.after;
     if constexpr (kShape == Shape::kCapsule) {
@@ -90,6 +101,18 @@ inline void touch(const BodyLanes<T>& b, const Moving<T>& m, const V3<T>& x0, V3
   const V<T> push = touching ? -gap : none, back = m.dt * hold;
   v = v + (stop * n - hold * slide);
   x = x + (push * n - back * slide);
+}
+
+template <class T>
+struct Vertex {
+  V3<T> x, v;
+};
+template <class T>
+__attribute__((noinline)) Vertex<T> touch(const BodyLanes<T>& b, const Moving<T>& m, V3<T> x0, Vertex<T> at) {
+  if (m.shape == Shape::kSphere) touch_shape<T, Shape::kSphere>(b, m, x0, at.x, at.v);
+  if (m.shape == Shape::kPlane) touch_shape<T, Shape::kPlane>(b, m, x0, at.x, at.v);
+  if (m.shape == Shape::kCapsule) touch_shape<T, Shape::kCapsule>(b, m, x0, at.x, at.v);
+  return at;
 }
 
 }  // namespace

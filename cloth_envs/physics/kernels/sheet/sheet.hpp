@@ -20,8 +20,8 @@ struct Sheet {
   bool air, pressure;
   double air_normal, air_lift, air_tangential;  // air density * coefficient [kg/m^3]
   std::vector<int> handles;                     // vertices
-  std::vector<double> hold;             // 1/m^2 of each handle along x, y, z, infinite if it is firm: see drives.hpp
-  std::vector<int> lead;                // the handle that each one moves with, itself where nothing else leads
+  std::vector<double> hold;  // 1/m^2 of each handle along x, y, z, infinite if it is firm: see drives.hpp
+  std::vector<int> lead;     // the handle that each one moves with, itself where nothing else leads
   std::vector<Body> bodies;
 };
 

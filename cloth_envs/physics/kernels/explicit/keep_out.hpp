@@ -1,0 +1,58 @@
+// Contact of rows of vertices. Included where it is compiled for an instruction set.
+#pragma once
+#include "../sheet/contact.hpp"
+#include "core.hpp"
+#include "ghosts.hpp"
+
+namespace minicloth {
+namespace LANES {
+namespace {
+
+// The bodies in a substep.
+template <class T>
+std::vector<Moving<T>>& moving_bodies(const std::vector<BodyLanes<T>>& bodies, const StepTerms<T>& p) {
+  thread_local std::vector<Moving<T>> all;
+  all.clear();
+  for (const BodyLanes<T>& body : bodies) all.emplace_back(body, load(p.dt));
+  return all;
+}
+
+// Contact of the `cols` vertices of a row that went at v for dt to x, with all bodies in turn.
+template <class T>
+void keep_out(const std::vector<BodyLanes<T>>& bodies, const std::vector<Moving<T>>& moving, const StepTerms<T>& p,
+              int cols, T* x, T* v, T* y) {
+  constexpr int q = 3 * kLanes<T>;
+  const V<T> dt = load(p.dt);
+  const std::size_t count = moving.size();
+  for (int i = 0; i < cols * q; i += q) {
+    Vertex<T> now = {get<T>(x + i), get<T>(v + i)};
+    std::size_t b = 0;
+    while (b < count && !may_touch(moving[b], now.x, now.v)) ++b;
+    if (b == count) continue;
+    const V3<T> start = {now.x.x - dt * now.v.x, now.x.y - dt * now.v.y, now.x.z - dt * now.v.z};
+    for (; b < count; ++b) now = touch<T>(bodies[b], moving[b], start, now);
+    const V<T> damping = load(p.damping);
+    set<T>(x + i, now.x), set<T>(v + i, now.v);
+    set<T>(y + i, V3<T>{now.x.x + damping * now.v.x, now.x.y + damping * now.v.y, now.x.z + damping * now.v.z});
+  }
+}
+
+// At a frame's end: what contact leaves of velocities that go on for dt.
+template <class T>
+void rest(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies) {
+  constexpr int q = 3 * kLanes<T>;
+  const V<T> dt = load(p.dt);
+  const std::vector<Moving<T>>& moving = moving_bodies(bodies, p);
+  for (int r = 0; r < s.rows; ++r) {
+    T *const x = f.x + s.at(r, 0), *const v = f.v + s.at(r, 0), *const trial = f.y + s.at(r, 0);
+    for (int i = 0; i < s.cols * q; i += q) {
+      const V3<T> at = get<T>(x + i), u = get<T>(v + i);
+      set<T>(trial + i, V3<T>{at.x + dt * u.x, at.y + dt * u.y, at.z + dt * u.z});
+    }
+    keep_out(bodies, moving, p, s.cols, trial, v, f.low);
+  }
+}
+
+}  // namespace
+}  // namespace LANES
+}  // namespace minicloth
