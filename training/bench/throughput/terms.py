@@ -21,15 +21,15 @@ class Work(NamedTuple):
 
 
 NOTHING = Work(0, 0)
-# Of an inner vertex of even cloth in float32, by the kernels' source (explicit/step.hpp, slow.hpp, sheet/air.hpp,
-# contact.hpp); comparisons and shuffles are not counted. Four edges and the step:
+# Of an inner vertex of even cloth in float32, by the kernels' source (explicit/step.hpp, springs.hpp and slow.hpp,
+# sheet/air.hpp and contact.hpp); comparisons and shuffles are not counted. Four edges and the step:
 SPRINGS = Work(4 * (16 + 7) + 24 + 31, 4 * (11 + 4) + 18 + 18)
 YIELDING = Work(4 * 30, 4 * 18)  # a second length and the branches of four edges
 AHEAD = Work(6, 3)  # slow forces: where the vertex will be
 BENDING = Work(111, 90)
 AIR = Work(87 + 4 * 52 + 9, 78 + 4 * 38 + 6)  # four triangles of a cell, and its velocity ahead
 PRESSURE = Work(87, 78)
-SPHERE, PLANE, CAPSULE = Work(32, 22), Work(14, 9), Work(46, 34)  # what no vertex of a vector can reach
+SPHERE, PLANE, CAPSULE = Work(21, 13), Work(8, 6), Work(37, 25)  # what no vertex of a vector can reach
 
 
 @dataclass(frozen=True)
