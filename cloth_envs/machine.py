@@ -10,12 +10,21 @@ import numpy as np
 from cloth_envs.version import __version__
 
 
-def processor() -> str:
-    """The processor's name as the system tells it."""
+def _told(what: str) -> str:
+    """What the system tells of the first processor, or nothing."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.is_file() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
+    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith(what)), "")
+
+
+def processor() -> str:
+    """The processor's name as the system tells it."""
+    return _told("model name") or platform.processor() or platform.machine()
+
+
+def nominal_hz() -> float:
+    """The processor's clock as the system tells it [1/s], NaN where it does not; it may run faster or slower."""
+    return 1e6 * float(_told("cpu MHz") or "nan")
 
 
 def header() -> dict[str, object]:

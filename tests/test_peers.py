@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -204,8 +205,9 @@ def test_slow_motion_failures_and_long_runs_are_told() -> None:
 def row(engine: str, ms: float, error: float, **changes: object) -> results.PeerRow:
     nan = float("nan")
     settings = '{"solver": "explicit"}' if engine == results.OWN else '{"method": "explicit"}'
+    level = "avx2" if engine == results.OWN else ""
     base = results.PeerRow(
-        "A", 3, 3, engine, settings, 1, 5, ms, ms, ms, ms, error, error, nan, nan, 0, nan, 0, 0, 0.01, 1, ""
+        "A", 3, 3, engine, settings, level, 1, 5, ms, ms, ms, ms, error, error, nan, nan, 0, nan, 0, 0, 0.01, 1, ""
     )
     return replace(base, **changes)  # type: ignore[arg-type]
 
@@ -217,12 +219,15 @@ def test_rivals_compare_at_no_larger_error_and_only_what_passes() -> None:
     slow = row("Taichi", 0.1, 1.0, lag=-2 * TOLERANCE)
     other = row("Taichi", 30, 9.0, own_early_mm=1.5, lag=2 * TOLERANCE, own_lag=0.01)  # judged by its own truth
     rows = [fast, fine, asleep, coarse, good, best, slow, other]
-    assert results.rivals(rows, "A") == [(coarse, fast), (good, fine), (best, None), (other, fine)]
+    assert results.rivals(rows, "A", "avx2") == [(coarse, fast), (good, fine), (best, None), (other, fine)]
     assert "at least 7.5 x" in results.table(rows)
     assert "none of ours is as near" in results.table(rows)
+    wide = replace(fine, instruction_set="avx512", ms=2.0)
+    assert results.rivals([*rows, wide], "A", "avx512") == [(coarse, wide), (good, wide), (best, None), (other, wide)]
+    assert "at least 10.0 x" in results.table([*rows, wide])
     # Below the chaos floor errors are equal.
     floor = [replace(r, floor_early_mm=0.6) for r in rows]
-    assert results.rivals(floor, "A")[2][1] == floor[1]
+    assert results.rivals(floor, "A", "avx2")[2][1] == floor[1]
 
 
 def test_end_to_end_without_any_peer(
@@ -241,10 +246,12 @@ def test_end_to_end_without_any_peer(
     assert "skipped: MuJoCo is not installed" in text
     assert "QUICK" in text
     rows = read_rows(tmp_path / "peers.csv", results.PeerRow)
-    assert [(r.scene, r.settings) for r in rows] == [
-        (name, json.dumps(options)) for name in NAMES for options in (settings[0], settings[2])
+    sets = peers.wide()
+    assert [(r.scene, r.settings, r.instruction_set) for r in rows] == [
+        (name, json.dumps(options), level) for name in NAMES for options in (settings[0], settings[2]) for level in sets
     ]
-    for one, two in zip(rows[::2], rows[1::2], strict=True):
+    for name, level in product(NAMES, sets):
+        one, two = (r for r in rows if (r.scene, r.instruction_set) == (name, level))
         assert one.passed
         assert 0 < one.ms_q1 <= one.ms <= one.ms_q3
         # Between the first and the second order, of whole and half steps against a quarter: 1/3 and 1/5.

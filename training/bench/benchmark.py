@@ -33,7 +33,7 @@ BENCHMARKS: dict[str, str] = {
     "convergence": "training.bench.convergence",
     "peers": "training.bench.peers.run",
     "tables": "training.bench.papers.run",
-    "throughput": "training.bench.throughput",
+    "throughput": "training.bench.throughput.run",
 }
 
 

@@ -20,7 +20,7 @@ EQUAL = 1.05  # errors within 5 % count as equal: single precision rounds differ
 
 @dataclass(frozen=True)
 class PeerRow:
-    """One engine with one setting on one scene.
+    """One engine with one setting on one scene; ``instruction_set`` is that of our kernels.
 
     ``ms``: processor time a frame, median over ``frames`` of one or more runs, with its quartiles; ``wall_ms`` the
     median wall clock. Errors [mm] are mean distances of the vertices after 0.2 and 0.5 s, against our truth and
@@ -33,6 +33,7 @@ class PeerRow:
     cols: int
     engine: str
     settings: str
+    instruction_set: str
     step_ms: float
     frames: int
     ms_q1: float
@@ -63,7 +64,7 @@ class PeerRow:
         return not self.failure and bool(lags) and min(lags) <= TOLERANCE
 
 
-PEER_KEY = ("scene", "engine", "settings")
+PEER_KEY = ("scene", "engine", "settings", "instruction_set")
 BLUE, RED, GREEN, PINK, ORANGE, SKY = COLORS
 STYLES = {
     "MiniCloth explicit": (BLUE, MARKERS[0]),
@@ -83,15 +84,22 @@ NOTE = (
 
 
 def label(row: PeerRow) -> str:
-    """``MuJoCo elastic substeps=2``."""
+    """``MuJoCo elastic substeps=2`` or ``MiniCloth explicit refine=1, avx2``."""
     options = json.loads(row.settings)
     name = options.pop("solver" if row.engine == OWN else "method", "")
-    return " ".join(filter(None, [row.engine, name, *(f"{key}={value}" for key, value in options.items())]))
+    given = [f"{key}={value}" for key, value in options.items()]
+    text = " ".join(filter(None, [row.engine, name, *given]))
+    return f"{text}, {row.instruction_set}" if row.instruction_set else text
 
 
-def rivals(rows: Sequence[PeerRow], scene: str) -> list[tuple[PeerRow, PeerRow | None]]:
+def levels_of(rows: Sequence[PeerRow]) -> list[str]:
+    """The instruction sets that ours were measured with."""
+    return list(dict.fromkeys(r.instruction_set for r in rows if r.engine == OWN))
+
+
+def rivals(rows: Sequence[PeerRow], scene: str, level: str) -> list[tuple[PeerRow, PeerRow | None]]:
     """Every passing setting of a peer on ``scene``, and the fastest of ours that passes at no larger error."""
-    mine = [r for r in rows if r.scene == scene and r.engine == OWN and r.passed]
+    mine = [r for r in rows if (r.scene, r.engine, r.instruction_set) == (scene, OWN, level) and r.passed]
     out = []
     for peer in (r for r in rows if r.scene == scene and r.engine != OWN and r.passed):
         # Errors below the chaos floor say nothing: there both count as equal.
@@ -118,16 +126,22 @@ def table(rows: Sequence[PeerRow]) -> str:
                 f"{r.late_mm:7.3g}{r.own_early_mm:7.3g}{r.own_late_mm:7.3g}{100 * r.lag:7.1f}{100 * r.own_lag:6.1f}"
                 f"{100 * r.p99:7.2f}  {gate}"
             )
-        pairs = rivals(rows, scene)
-        for engine in dict.fromkeys(peer.engine for peer, _ in pairs):
-            found = [(p, m) for p, m in pairs if p.engine == engine]
-            won = [(p.ms / m.ms, p, m) for p, m in found if m]
-            if won:
-                ratio, peer, ours = min(won, key=lambda w: w[0])
-                lines.append(f"at least {ratio:.1f} x faster than {label(peer)} (closest: {label(ours)})")
-            for peer, _ in ((p, m) for p, m in found if m is None):
-                lines.append(f"none of ours is as near as {label(peer)}")
+        for level in levels_of(some):
+            lines += compared(rivals(rows, scene, level))
     return "\n".join(lines)
+
+
+def compared(pairs: Sequence[tuple[PeerRow, PeerRow | None]]) -> list[str]:
+    """A line an engine that ours are compared with, and one a setting that none of ours is as near as."""
+    lines = []
+    for engine in dict.fromkeys(peer.engine for peer, _ in pairs):
+        found = [(p, m) for p, m in pairs if p.engine == engine]
+        won = [(p.ms / m.ms, p, m) for p, m in found if m]
+        if won:
+            ratio, peer, ours = min(won, key=lambda w: w[0])
+            lines.append(f"at least {ratio:.1f} x faster than {label(peer)} (closest: {label(ours)})")
+        lines += [f"none of ours is as near as {label(p)}" for p, m in found if m is None]
+    return lines
 
 
 def family(row: PeerRow) -> str:
@@ -158,15 +172,18 @@ def panel(axes: Any, rows: Sequence[PeerRow]) -> dict[str, Any]:
     return handles
 
 
-def draw(rows: Mapping[str, Sequence[PeerRow]], folder: Path, setup: str) -> None:
-    """Error against time a frame, a panel a scene."""
-    scenes = list(dict.fromkeys(r.scene for r in rows.get(STEM, ())))
+def draw(rows: Mapping[str, Sequence[Any]], folder: Path, setup: str) -> None:
+    """Error against time a frame, a panel a scene; ours with the widest instructions."""
+    all_rows: Sequence[PeerRow] = rows.get(STEM, ())
+    widest = levels_of(all_rows)[-1:]
+    shown = [r for r in all_rows if r.engine != OWN or r.instruction_set in widest]
+    scenes = list(dict.fromkeys(r.scene for r in shown))
     if not scenes:
         return
     figure, panels = grid(len(scenes), "mean vertex error after 0.2 s [mm]")
     handles: dict[str, Any] = {}
     for axes, scene in zip(panels, scenes, strict=False):
-        handles |= panel(axes, [r for r in rows[STEM] if r.scene == scene])
+        handles |= panel(axes, [r for r in shown if r.scene == scene])
     place = (panels[-1], "center left", 1) if len(panels) > len(scenes) else (figure, "outside upper center", 4)
     legend(place[0], handles, tuple(STYLES), *place[1:])
     figure.supxlabel("processor time for a frame, one thread [ms]", fontsize=8.5, color=INK)

@@ -2,16 +2,19 @@
 
 Errors are taken against two runs: our truth, and the engine's own model at a much finer step, so that no engine is
 blamed for modelling another cloth; comparisons use the smaller. Times are processor times of one thread, since on a
-busy machine the wall clock (also stored) punishes those whose frames are long; engines take turns.
+busy machine the wall clock (also stored) punishes those whose frames are long; engines take turns. Ours run with AVX2
+and AVX-512, where the processor has them, each in a process of its own.
 """
 
 import argparse
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import ExitStack
 from dataclasses import replace
 from importlib.metadata import version
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,7 +24,9 @@ from cloth_envs.naming import resolve
 from cloth_envs.physics.truth import TRUTHS
 from cloth_envs.progress import progress
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
+from training.bench.levels import levels, process
 from training.bench.participants import Participant, extra
+from training.bench.peers.batch import BATCH_KEY, BATCH_STEM, BatchRow, batch_table, measure_batch
 from training.bench.peers.results import OWN, PEER_KEY, STEM, PeerRow, draw, table
 from training.bench.peers.scenes import EARLY, LATE, NAMES, Setup, Trace, build, error_mm, follow, lag, p99
 from training.rollouts import nudge
@@ -100,35 +105,60 @@ def own_truths(setup: Setup) -> list[tuple[Options, Trace]]:
     return found
 
 
-def timed(setup: Setup, chosen: Sequence[Participant], budget: float) -> list[tuple[int, Trace, np.ndarray]]:
+class Entrant(NamedTuple):
+    """A setting of an engine, and the process that it runs in; peers run in this one."""
+
+    chosen: Participant
+    level: str = ""
+    pool: Executor | None = None
+
+
+def run(setup: Setup, chosen: Participant, limit: float = np.inf) -> tuple[int, Trace]:
+    """The substeps of a frame, and one run of an engine that was warmed up before."""
+    return turn(setup, make(chosen, setup), limit)
+
+
+def turn(setup: Setup, engine: Backend, limit: float = np.inf) -> tuple[int, Trace]:
+    """The same of an engine that is there."""
+    follow(setup, engine, seconds=setup.scene.frame_dt)
+    trace = follow(setup, engine, limit=limit)
+    return int(np.max(getattr(engine, "substeps", 1))), trace
+
+
+def runner(setup: Setup, entrant: Entrant) -> Callable[[float], tuple[int, Trace]]:
+    """What runs it once, until it has taken a limit [s]. A peer is built once: Taichi compiles for seconds."""
+    chosen, _, pool = entrant
+    if pool:
+        return lambda limit: pool.submit(run, setup, chosen, limit).result()
+    engine = make(chosen, setup)
+    return lambda limit: turn(setup, engine, limit)
+
+
+def timed(setup: Setup, entrants: Sequence[Entrant], budget: float) -> list[tuple[int, Trace, np.ndarray]]:
     """Of each the substeps, its first run and the seconds of all frames ``(frames, 2)``; repeated runs take turns.
 
     Each runs once at least, five times at most, and as long as its runs took less than ``budget`` seconds together.
     """
-    engines = [make(one, setup) for one in chosen]
-    first = []
-    for engine in progress(engines, f"{setup.scene.name}: first runs", unit="engine"):
-        follow(setup, engine, seconds=setup.scene.frame_dt)  # warms up
-        first.append(follow(setup, engine, limit=LIMIT))
-    seconds = [[trace.seconds] for trace in first]
+    runners = [runner(setup, one) for one in entrants]
+    first = [go(LIMIT) for go in progress(runners, f"{setup.scene.name}: first runs", unit="engine")]
+    seconds = [[trace.seconds] for _, trace in first]
     for _ in progress(range(4), f"{setup.scene.name}: again", unit="round"):
-        for engine, trace, times in zip(engines, first, seconds, strict=True):
+        for go, (_, trace), times in zip(runners, first, seconds, strict=True):
             if not trace.failure and sum(t[:, 0].sum() for t in times) <= budget:
-                times.append(follow(setup, engine).seconds)
-    substeps = [int(np.max(getattr(engine, "substeps", 1))) for engine in engines]
-    return [(n, trace, np.concatenate(times)) for n, trace, times in zip(substeps, first, seconds, strict=True)]
+                times.append(go(np.inf)[1].seconds)
+    return [(n, trace, np.concatenate(times)) for (n, trace), times in zip(first, seconds, strict=True)]
 
 
 def measure_scene(
-    setup: Setup, chosen: Sequence[Participant], own: Sequence[tuple[Options, Trace]], budget: float
+    setup: Setup, entrants: Sequence[Entrant], own: Sequence[tuple[Options, Trace]], budget: float
 ) -> list[PeerRow]:
-    """All of ``chosen`` on one scene, against our truth and those of ``own`` that they are a coarser step of."""
+    """All ``entrants`` on one scene, against our truth and those of ``own`` that they are a coarser step of."""
     ours = setting(OWN, TRUTH)
     true = follow(setup, make(ours, setup))
     near = replace(setup, start=nudge(setup.start, setup.scene, 0))
     floor = follow(near, make(ours, near))
     rows = []
-    for one, (substeps, trace, seconds) in zip(chosen, timed(setup, chosen, budget), strict=True):
+    for (one, level, _), (substeps, trace, seconds) in zip(entrants, timed(setup, entrants, budget), strict=True):
         mine = (t for options, t in own if one.family == "MuJoCo" and options.items() <= one.options.items())
         truths = true, next(mine, Trace())
         wall, cpu = 1e3 * seconds.T
@@ -138,7 +168,7 @@ def measure_scene(
         lags = [lag(setup, trace.late, truth.late) for truth in truths]
         strains = [p99(setup, x.late) for x in (trace, true)]
         values = [*quartiles, float(np.median(wall)), *errors[:4], *lags, *strains, *errors[4:]]
-        about: list[Any] = [setup.scene.name, *setup.scene.grid.shape, one.family, one.text, step, len(cpu)]
+        about: list[Any] = [setup.scene.name, *setup.scene.grid.shape, one.family, one.text, level, step, len(cpu)]
         rows.append(PeerRow(*[*about, *values, trace.failure]))
     return rows
 
@@ -156,13 +186,31 @@ def measure(session: Session) -> None:
         "early_s": EARLY,
         "late_s": LATE,
     }
-    store = session.store(STEM)
-    for name in session.scenes:
-        chosen = [*entries(name, engines, quick=session.quick), *extra(session.given.backend)]
-        if not all((name, p.family, p.text) in store for p in chosen):
-            setup = build(name, QUICK if session.quick else 1)
-            own = own_truths(setup) if "MuJoCo" in engines and not session.quick else []
-            store.add(*measure_scene(setup, chosen, own, session.given.budget))
+    store, batches = session.store(STEM), session.store(BATCH_STEM)
+    with ExitStack() as stack:
+        pools = {level: stack.enter_context(process(level)) for level in wide()}
+        for name in session.scenes:
+            chosen = [*entries(name, engines, quick=session.quick), *extra(session.given.backend)]
+            entrants = list(placed(chosen, pools))
+            if not all((name, e.chosen.family, e.chosen.text, e.level) in store for e in entrants):
+                setup = build(name, QUICK if session.quick else 1)
+                own = own_truths(setup) if "MuJoCo" in engines and not session.quick else []
+                store.add(*measure_scene(setup, entrants, own, session.given.budget))
+                batches.add(*measure_batch(setup, store.rows, pools))
+
+
+def wide() -> list[str]:
+    """The instruction sets that are compared: AVX2 and AVX-512, or the only one that there is."""
+    return levels()[1:] or levels()
+
+
+def placed(chosen: Sequence[Participant], pools: Mapping[str, Executor]) -> Iterator[Entrant]:
+    """Ours in every one of ``pools``, peers here."""
+    for one in chosen:
+        if one.family in CLASSES:
+            yield Entrant(one)
+        else:
+            yield from (Entrant(one, level, pool) for level, pool in pools.items())
 
 
 def _options(parser: argparse.ArgumentParser) -> None:
@@ -172,8 +220,11 @@ def _options(parser: argparse.ArgumentParser) -> None:
 BENCHMARK = Benchmark(
     name=STEM,
     about="MuJoCo, Taichi and our solvers on the same three scenes, in one run.",
-    files={STEM: RowFile(PeerRow, PEER_KEY)},
-    parts=[Part("Engines", (STEM,), table)],
+    files={STEM: RowFile(PeerRow, PEER_KEY), BATCH_STEM: RowFile(BatchRow, BATCH_KEY)},
+    parts=[
+        Part("Engines", (STEM,), table),
+        Part("Batches: processor time (wall clock) for a frame of one cloth", (BATCH_STEM,), batch_table),
+    ],
     measure=measure,
     scenes=NAMES,
     known=NAMES,

@@ -1,0 +1,1 @@
+"""What a vertex and a substep cost, term by term, and whole frames."""
