@@ -48,7 +48,8 @@ class SheetCell(nn.Module):
     On an edge ``f = k (alpha - L beta / |d + gamma c w|) d``, ``c`` the damping; all numbers are 1 (the
     sideways biases 0) on the reference. Where the material is not simple, dashpots are ``gamma c k (w . n) n``, and a
     shortened edge pulls less and is damped more (``laws.sheet.damped_spring_forces``): with the factors of
-    ``scaling="closure"`` it is the cell of a coarse sheet. Materials (``properties``) come with the call, so weights belong to none.
+    ``scaling="closure"`` it is the cell of a coarse sheet. Materials (``properties``) come with the call, so weights
+    belong to none.
 
     Args:
         scene: for its grid and gravity.
