@@ -33,5 +33,5 @@ def warn_coarse(scene: Scene) -> None:
     if grid.rows < rows or grid.cols < cols:
         warn_once(
             f"{grid} vertices are too coarse for this cloth's folds, which need a spacing of at most its bending "
-            f"length of {100 * bending_length(material):.2g} cm: choose resolution=({rows}, {cols}) or finer where they matter"
+            f"length of {100 * bending_length(material):.2g} cm: choose resolution=({rows}, {cols}) or finer"
         )

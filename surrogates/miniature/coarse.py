@@ -10,6 +10,7 @@ from _minicloth_kernels import Correct
 from cloth_envs.arguments import as_number, one_of
 from cloth_envs.grid import Grid
 from cloth_envs.material import PROPERTIES, Material
+from cloth_envs.physics.explicit.bounds import HELD
 from cloth_envs.physics.solver import reference
 from cloth_envs.resample import on_grid
 from cloth_envs.scene import Scene
@@ -91,7 +92,8 @@ class CoarsePhysics:
             factors = {}
         self._factors = load_factors(fine.name, factor, scaling) if factors is None else _numbers(factors)
         self.scene, self.handles = coarse_scene(fine, factor, self.material(fine.material), least)
-        self.solver = reference(self.scene, num_envs=num_envs, solver=solver, **(options or {}))
+        usual = {"held": HELD} if solver == "explicit" else {}  # a coarse grid's own errors are larger than the air's
+        self.solver = reference(self.scene, num_envs=num_envs, solver=solver, **usual | dict(options or {}))
         self.frames = 1
         self.history: list[State] = []
         self._correct: Correct | None = None

@@ -8,7 +8,6 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.explicit.bounds import HELD
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
@@ -60,7 +59,7 @@ def run(
     frames: int = 1,
     *,
     substeps: int | None = None,
-    held: int = HELD,
+    held: int | None = None,
     dtype: str = "float64",
 ) -> tuple[list[State], float]:
     """States at the frames' ends, the start included, and the substep's length [s].

@@ -64,13 +64,13 @@ def stable_step(scene: Scene, material: Material, pressure: float = PRESSURE) ->
 
 
 @lru_cache(maxsize=1024)
-def interval(scene: Scene, material: Material, h: float, pressure: float = PRESSURE) -> int:
-    """For how many substeps of ``h`` [s] bending, the air and pressure may be held, 1 at least.
+def interval(scene: Scene, material: Material, h: float, pressure: float = PRESSURE, *, loose: bool = False) -> int:
+    """For how many substeps of ``h`` [s] bending, the air and pressure can be held, 1 at least.
 
     Held for a time T at the position ``T / 2`` ahead, a force of frequency ``w`` neither gains nor takes energy while
-    ``w T < 2``: here below 1. The air, at velocities extrapolated by ``T / 2``, is stable for rates ``c T < 1``: here
-    below 1/2.
+    ``w T < 2``: here below 1. The air, at velocities extrapolated by ``T / 2``, is stable for rates ``c T < 1``; below
+    1/2 it is as exact as the step.
     """
     slow = stiffness_bound(scene, material)[1] + pressure_bound(scene, material, pressure)
-    rate = max(np.sqrt(slow), 2 * air_bound(scene, material, pressure))
-    return max(int(min(1000, 1 / max(h * rate, 1e-9))), 1)
+    air = air_bound(scene, material, pressure) * (1 if loose else 2)
+    return max(int(min(1000, 1 / max(h * max(np.sqrt(slow), air), 1e-9))), 1)

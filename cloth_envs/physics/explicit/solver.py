@@ -26,7 +26,8 @@ class ExplicitSolver(Solver):
     Args, beside those of ``Solver``:
         substeps: per frame, instead of the largest stable step; not below the stable number.
         refine: multiplies the number of substeps (4 for truth).
-        held: for how many substeps bending and the air are held, at most; fewer where they would not be stable.
+        held: for how many substeps bending and the air are held, at most; fewer where they would not be stable. By
+            default up to 7, fewer where the air's rate asks for it: as exact as the step.
 
     Raises:
         ValueError: a bad argument, or a material so stiff or light (in ``advance``: a pressure so large) that a frame
@@ -44,10 +45,11 @@ class ExplicitSolver(Solver):
         dtype: str = "float32",
         substeps: int | None = None,
         refine: int = 1,
-        held: int = HELD,
+        held: int | None = None,
     ) -> None:
         super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
-        self._refine, self._held = whole_number("refine", refine), whole_number("held", held)
+        self._refine = whole_number("refine", refine)
+        self._held = None if held is None else whole_number("held", held)
         self._wanted = None if substeps is None else whole_number("substeps", substeps)
         kernel = kernels.Explicit32 if self.dtype == np.float32 else kernels.Explicit64
         self._kernel = kernel(kernel_sheet(scene))
@@ -72,7 +74,9 @@ class ExplicitSolver(Solver):
     def _cut(self, material: Material, pressure: float = PRESSURE, cause: str = "this material") -> tuple[int, int]:
         """How a frame is cut: substeps, and for how many slow forces are held. Raises ValueError: see ``_count``."""
         count = self._count(material, pressure, cause)
-        return count, min(interval(self.scene, material, self.scene.frame_dt / count, pressure), self._held)
+        loose = self._held is not None
+        held = interval(self.scene, material, self.scene.frame_dt / count, pressure, loose=loose)
+        return count, min(held, HELD if self._held is None else self._held)
 
     def _count(self, material: Material, pressure: float = PRESSURE, cause: str = "this material") -> int:
         """Substeps in a frame. Raises ValueError: more than the limit, or fewer wanted than are stable."""
