@@ -11,6 +11,8 @@ from gymnasium import logger
 from cloth_envs.arguments import as_items, as_number
 from cloth_envs.naming import unknown_name
 
+LIGHT = 2e-4  # s, of damping; what kernels/sheet/sheet.hpp has too
+
 
 @dataclass(frozen=True)
 class Material:
@@ -71,6 +73,14 @@ class Material:
     def yields(self) -> bool:
         """Whether springs are another thing when they are shortened than when they are lengthened."""
         return (self.compression, self.post_buckling, self.compression_damping) != (1, 1, 1)
+
+    @property
+    def simple(self) -> bool:
+        """Whether springs are linear and hardly damped: the explicit solver then has dashpots in their lengths.
+
+        That differs from a dashpot by ``(damping w / d)^2`` and the strain, where edges of length d change at a rate w.
+        """
+        return not self.yields and self.damping <= LIGHT
 
     def with_changes(self, **changes: float) -> "Material":
         """A copy with some values replaced.

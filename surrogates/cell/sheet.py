@@ -36,8 +36,8 @@ def cut(field: Tensor, at: tuple[int, int], size: Sequence[int]) -> Tensor:
 
 
 def properties(materials: Sequence[Material], like: Tensor) -> dict[str, Tensor]:
-    """Each of the ``materials``' properties, ``(B, 1, 1, 1)``, of the type and device of ``like``."""
-    rows = [m.as_dict() for m in materials]
+    """Each of the ``materials``' properties and ``simple``, ``(B, 1, 1, 1)``, of the type and device of ``like``."""
+    rows = [m.as_dict() | {"simple": float(m.simple)} for m in materials]
     columns = {name: np.array([row[name] for row in rows])[:, None, None, None] for name in rows[0]}
     return {name: torch.as_tensor(a, dtype=like.dtype, device=like.device) for name, a in columns.items()}
 
@@ -46,9 +46,10 @@ class SheetCell(nn.Module):
     """Forces of stretch, shear, damping and bending, and the weight, times ``numbers`` ``(17,)`` (of ``CLASSES``).
 
     On an edge ``f = k (alpha - L beta / |d + gamma c w|) d``, ``c`` the damping; all numbers are 1 (the
-    sideways biases 0) on the reference. Where the material yields, a shortened edge pulls less and is damped more
-    (``laws.sheet.damped_spring_forces``): with the factors of ``scaling="closure"`` it is the cell of a coarse
-    sheet. Materials (``properties``) come with the call, so weights belong to none.
+    sideways biases 0) on the reference. Where the material is not simple, dashpots are ``gamma c k (w . n) n``, and a
+    shortened edge pulls less and is damped more (``laws.sheet.damped_spring_forces``): with the factors of
+    ``scaling="closure"`` it is the cell of a coarse sheet. Materials (``properties``) come with the call, so weights
+    belong to none.
 
     Args:
         scene: for its grid and gravity.
@@ -93,8 +94,10 @@ class SheetCell(nn.Module):
             before = torch.maximum(short, -sheets["buckling_strain"] * ratio)
             pull = strain.clamp_min(0) + sheets["compression"] * (before + sheets["post_buckling"] * (short - before))
             e = d + gamma * sheets["damping"] * w
-            damped = ratio - edge.rest * beta * torch.rsqrt((e * e).sum(1, keepdim=True) + TINY)
-            damped = damped * torch.where(strain < 0, sheets["compression_damping"], 1)
+            length = ratio - edge.rest * beta * torch.rsqrt((e * e).sum(1, keepdim=True) + TINY)
+            dashpot = gamma * sheets["damping"] * (w * d).sum(1, keepdim=True) * inverse * inverse
+            dashpot = dashpot * torch.where(strain < 0, sheets["compression_damping"], 1)
+            damped = torch.where(sheets["simple"] > 0, length, dashpot)
             force = sheets[edge.modulus] * share * (pull + damped) * d
             total = total + place(force, first, self.shape) - place(force, second, self.shape)
         signs = self.numbers.new_tensor([1.0, 1.0, -1.0])

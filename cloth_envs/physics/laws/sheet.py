@@ -69,16 +69,15 @@ def spring_energy(grid: Grid, materials: Materials, x: np.ndarray) -> np.ndarray
 
 
 def damper_forces(grid: Grid, materials: Materials, x: np.ndarray, v: np.ndarray) -> Forces:
-    """``f_i = c (d^ . (v_j - v_i)) d^`` along the same edges, ``c = damping * k * L / |d|``.
+    """``f_i = c (d^ . (v_j - v_i)) d^`` along the same edges, ``c = damping * k``.
 
-    A dashpot in the length (``damped_spring_forces``): what the tension is a moment later. Of a shortened spring that
-    is multiplied by ``compression_damping``.
+    Of a shortened spring that is multiplied by ``compression_damping``.
     """
     at, speed, out = flat(x), flat(v), np.zeros_like(flat(x))
     for edge in edges(grid):
         d = at[..., edge.second] - at[..., edge.first]
         length = np.linalg.norm(d, axis=1)
-        rate = (d * (speed[..., edge.second] - speed[..., edge.first])).sum(1) * edge.rest / length**3
+        rate = (d * (speed[..., edge.second] - speed[..., edge.first])).sum(1) / length**2
         c = values(materials, "damping") * _stiffness(materials, edge)
         c = np.where(length < edge.rest, values(materials, "compression_damping") * c, c)
         force = (c * rate)[:, None] * d
@@ -88,25 +87,22 @@ def damper_forces(grid: Grid, materials: Materials, x: np.ndarray, v: np.ndarray
 
 
 def damped_spring_forces(grid: Grid, materials: Materials, x: np.ndarray, v: np.ndarray) -> Forces:
-    """``f_i = k (1 - L / |d + damping w|) d``, ``w = v_j - v_i``: springs whose length is that of a moment later.
+    """Springs with their dashpots as the explicit solver steps them.
 
-    To first order in ``damping`` the sum of ``spring_forces`` and ``damper_forces``, and like them along the edges.
+    Of a simple material ``f_i = k (1 - L / |d + damping w|) d``, ``w = v_j - v_i``: springs whose length is that of a
+    moment later. That is a dashpot ``damping k L / |d|`` to first order in ``damping``. Of others the sum of
+    ``spring_forces`` and ``damper_forces``.
     """
     at, speed, out = flat(x), flat(v), np.zeros_like(flat(x))
     for edge in edges(grid):
         d = at[..., edge.second] - at[..., edge.first]
-        w = speed[..., edge.second] - speed[..., edge.first]
-        length = np.linalg.norm(d, axis=1)
-        later = np.linalg.norm(d + values(materials, "damping")[:, None] * w, axis=1)
-        before, beyond = _yielding(materials, edge, length)
-        extra = values(materials, "compression") * (before + values(materials, "post_buckling") * beyond)
-        extra = (np.maximum(length - edge.rest, 0.0) + extra) / length
-        rate = np.where(length < edge.rest, values(materials, "compression_damping"), 1.0)
-        extra += rate * (edge.rest / length - edge.rest / later)
-        force = (_stiffness(materials, edge) * extra)[:, None] * d
+        later = d + values(materials, "damping")[:, None] * (speed[..., edge.second] - speed[..., edge.first])
+        force = (_stiffness(materials, edge) * (1 - edge.rest / np.linalg.norm(later, axis=1)))[:, None] * d
         out[..., edge.first] += force
         out[..., edge.second] -= force
-    return out.reshape(x.shape)
+    simple = np.array([material.simple for material in materials])[:, None, None, None]
+    both = spring_forces(grid, materials, x) + damper_forces(grid, materials, x, v)
+    return np.where(simple, out.reshape(x.shape), both)
 
 
 def bend_forces(grid: Grid, materials: Materials, x: np.ndarray) -> Forces:

@@ -103,7 +103,7 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
   SlowTerms<T> slow;
   HeldVertices<T> handles;
   LaneBodies<T> bodies(sheet_);
-  bool yields = false, bends = false;
+  bool simple = true, bends = false;
   for (int lane = 0; lane < (s.banded ? 1 : width); ++lane) {  // lanes without a cloth repeat the last one
     const std::size_t member = members[std::min<std::size_t>(lane, members.size() - 1)];
     const Frame<T>& frame = frames[member];
@@ -115,7 +115,7 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     }
     put(s, frame.x, lane, f.x), put(s, frame.v, lane, f.v);
     handles.add(sheet_, frame, material, s, lane), bodies.add(sheet_, frame, lane, end);
-    yields |= material.yields(), bends |= material.bend_stiffness > 0;
+    simple &= material.simple(), bends |= material.bend_stiffness > 0;
   }
 
   for (std::ptrdiff_t i = 0; i < s.field; i += width)
@@ -132,7 +132,7 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     }
     const std::vector<BodyLanes<T>>& now = bodies.to((k + (k < count ? 1 : 0.5)) / count);
     const Part part = k == count ? Part::kLast : now.empty() ? Part::kFree : Part::kBodies;
-    kernels.step[yields][int(part)](s, f, k == count ? last : k ? full : half, now);
+    kernels.step[simple][int(part)](s, f, k == count ? last : k ? full : half, now);
     handles.hold(f, full, width, std::min(k + 1, count) / double(count), k < count ? h : 0);
   }
   bool finite = true;
@@ -154,7 +154,7 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     const auto alike = [&](const std::vector<std::size_t>& group) {
       const std::size_t first = group.front();
       return group.size() < most && substeps[first] == substeps[i] &&
-             materials[first].yields() == materials[i].yields() &&
+             materials[first].simple() == materials[i].simple() &&
              (materials[first].bend_stiffness > 0) == (materials[i].bend_stiffness > 0);
     };
     const auto found = small ? std::find_if(groups.begin(), groups.end(), alike) : groups.end();

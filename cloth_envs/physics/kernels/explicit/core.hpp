@@ -50,7 +50,7 @@ struct ExplicitLanes {
   int width;
   // A substep of springs, dampers, gravity, drag, the slow forces and contact with bodies.
   using Step = void (*)(const Strips<T>&, const Fields<T>&, const StepTerms<T>&, const std::vector<BodyLanes<T>>&);
-  Step step[2][3];  // [springs yield under compression][Part]
+  Step step[2][3];  // [simple material][Part]
   // Bending and the air.
   using Slow = void (*)(const Strips<T>&, const Fields<T>&, const SlowTerms<T>&);
   Slow slow[2][3];  // [bending][no air, pressure alone, air and pressure]
@@ -75,7 +75,7 @@ class Explicit {
   const Sheet& sheet() const { return sheet_; }
 
  private:
-  // Cloths that are alike in substeps and in whether springs yield, in the lanes of vectors, or one in bands.
+  // Cloths that are alike in substeps and in whether materials are simple, in the lanes of vectors, or one in bands.
   void advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials, const Substeps& substeps,
                const std::vector<std::size_t>& members) const;
   Sheet sheet_;

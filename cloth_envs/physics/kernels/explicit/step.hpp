@@ -8,8 +8,9 @@ namespace LANES {
 namespace {
 
 // Every edge is evaluated once, at the vertex that it leaves towards column + 1, row + 1 or a diagonal, of which all
-// are still where they were; then the vertex moves. f = k (1 - L / |d + damping w|) d: the dashpot lies in the length.
-template <class T, bool kYields, Part kPart>
+// are still where they were; then the vertex moves. Of a simple material f = k (1 - L / |d + damping w|) d: the dashpot
+// lies in the length.
+template <class T, bool kSimple, Part kPart>
 void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies) {
   constexpr int n = kLanes<T>, q = 3 * n, w = 4 * n;
   const int cols = s.cols;
@@ -26,18 +27,18 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
   // What edges to d pull with, over d; e are the same of y.
   const auto edges = [&](const V3<T>(&d)[4], const V3<T>(&e)[4], const Spring<T>* const(&springs)[4],
                          V<T>(&p)[4]) __attribute__((always_inline)) {
-    for (int i = 0; i < 4; ++i) p[i] = e[i].x * e[i].x + tiny<T>;
-    for (int i = 0; i < 4; ++i) p[i] += e[i].y * e[i].y;
-    for (int i = 0; i < 4; ++i) p[i] += e[i].z * e[i].z;
-    if constexpr (!kYields) {
+    if constexpr (kSimple) {
+      for (int i = 0; i < 4; ++i) p[i] = e[i].x * e[i].x + tiny<T>;
+      for (int i = 0; i < 4; ++i) p[i] += e[i].y * e[i].y;
+      for (int i = 0; i < 4; ++i) p[i] += e[i].z * e[i].z;
       pull(p, springs);
     } else {
       for (int i = 0; i < 4; ++i) {
         const Spring<T>& spring = *springs[i];
-        const V<T> ratio = spring.length * rsqrt(square<T>(d[i])), extra = T(1) - ratio;
+        const V<T> inverse = rsqrt(square<T>(d[i])), ratio = spring.length * inverse, extra = T(1) - ratio;
         const V<T> shorter = extra < T(0) ? extra : none, limit = -buckling * ratio;
         const V<T> rate = extra < T(0) ? shortened_damping : none + T(1);
-        const V<T> damped = ratio - spring.length * rsqrt(p[i]);
+        const V<T> damped = dot(d[i], e[i] - d[i]) * (inverse * inverse);  // damping d . w / |d|^2
         p[i] = spring.k * (extra + yields * shorter + buckled * (shorter > limit ? shorter : limit) + rate * damped);
       }
     }
@@ -71,7 +72,7 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
       V3<T> d[4], e[4];
       V<T> p[4];
       for (int i = 0; i < 4; ++i) e[i] = get<T>(ends[i]) - at;
-      if constexpr (kYields)
+      if constexpr (!kSimple)
         for (int i = 0; i < 4; ++i) d[i] = get<T>(ends[i] + to_x) - x;
       edges(d, e, {&to_east, &to_south, &to_right, &to_left}, p);
       Pulls<T> all = east_before;

@@ -58,9 +58,8 @@ void Potential::begin(const Stage& s) {
         const double d = along_[at + e.offset] - along_[at];
         square += d * d, before += d * (base_[at + e.offset] - base_[at]);
       }
-      const double size = std::sqrt(square), dashpot = ratio * e.length / size;
-      e.stiffness[i] = modulus * (*e.weight)[i] * (1 + dashpot);
-      e.rest[i] = (e.length + dashpot * before / size) / (1 + dashpot);
+      e.stiffness[i] = modulus * (*e.weight)[i] * (1 + ratio);
+      e.rest[i] = (e.length + ratio * before / std::sqrt(square)) / (1 + ratio);
       e.bend[i] = m.bend_stiffness * ((e.linear ? (*e.linear)[i] : 0.0) + m.twist * e.twist * (*e.weight)[i]);
     });
   }

@@ -34,7 +34,7 @@ struct ImplicitLanes {
 DECLARE_LANES(ImplicitLanes)
 
 // Phi(x) = inertia + springs with dashpots + bending + air; springs and dashpots are one spring of stiffness
-// k' = k (1 + q) and length L' = (L + q l) / (1 + q), l = d_base along d, q = damping / tau * L / |d|.
+// k' = k (1 + damping / tau) and length L' = (L + damping / tau * l) / (1 + damping / tau), l = d_base along d.
 class Potential {
  public:
   explicit Potential(Sheet sheet);

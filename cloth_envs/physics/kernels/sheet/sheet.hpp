@@ -31,6 +31,8 @@ struct Material {
   double damping, drag;                                                      // s, 1/s
   double compression, buckling_strain, post_buckling, compression_damping, twist;
   bool yields() const { return compression != 1 || post_buckling != 1 || compression_damping != 1; }
+  // Whether the explicit solver may have dashpots in the springs' lengths: see cloth_envs.material.
+  bool simple() const { return !yields() && damping <= 2e-4; }
 };
 
 // One cloth's frame. Cloths (3, H, W), handles (N, 3), bodies (C, 2, 3); m, m/s, Pa.
