@@ -26,11 +26,14 @@ void keep_out(const std::vector<BodyLanes<T>>& bodies, const std::vector<Moving<
   const std::size_t count = moving.size();
   for (int i = 0; i < cols * q; i += q) {
     Vertex<T> now = {get<T>(x + i), get<T>(v + i)};
+    const V3<T> way = dt * now.v;
     std::size_t b = 0;
-    while (b < count && !may_touch(moving[b], now.x, now.v)) ++b;
+    while (b < count && !may_touch(moving[b], now.x, way)) ++b;
     if (b == count) continue;
-    const V3<T> start = {now.x.x - dt * now.v.x, now.x.y - dt * now.v.y, now.x.z - dt * now.v.z};
-    for (; b < count; ++b) now = touch<T>(bodies[b], moving[b], start, now);
+    const V3<T> start = now.x - way;
+    now = touch(bodies[b], moving[b], start, now);
+    while (++b < count)
+      if (may_touch(moving[b], now.x, now.x - start)) now = touch(bodies[b], moving[b], start, now);
     const V<T> damping = load(p.damping);
     set<T>(x + i, now.x), set<T>(v + i, now.v);
     set<T>(y + i, V3<T>{now.x.x + damping * now.v.x, now.x.y + damping * now.v.y, now.x.z + damping * now.v.z});

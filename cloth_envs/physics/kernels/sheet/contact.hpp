@@ -53,18 +53,18 @@ struct Moving {
         friction(V<T>{} + b.friction) {}
 };
 
-// Whether vertices that a step took to x at velocity v may touch; some that do not pass.
+// Whether vertices that a step took by `way` to x may touch; some that do not pass.
 template <class T>
-inline bool may_touch(const Moving<T>& m, const V3<T>& x, const V3<T>& v) {
+inline bool may_touch(const Moving<T>& m, const V3<T>& x, const V3<T>& way) {
   const V3<T> p = x - m.after;
   if (m.shape == Shape::kPlane) return any<T>(dot(m.axis, p) < m.radius);
   // In the body's frame one goes by d to p. To enter it, or to be held in the tangent plane where it was inside, takes
   // |p - d|^2 - R^2 <= -2 (p - d) . d, that is |p|^2 <= R^2 + |d|^2.
-  const V3<T> d = m.dt * v - m.moved;
-  const V<T> way = dot(d, d);
-  if (m.shape == Shape::kSphere) return any<T>(dot(p, p) < m.radius2 + T(1.01) * way);
+  const V3<T> d = way - m.moved;
+  const V<T> far = dot(d, d);
+  if (m.shape == Shape::kSphere) return any<T>(dot(p, p) < m.radius2 + T(1.01) * far);
   const V3<T> turned = m.other - m.moved;  // a ball about one end holds the capsule and its way
-  return any<T>(dot(p, p) < T(4) * (m.radius2 + dot(m.axis, m.axis)) + T(6) * (way + dot(turned, turned)));
+  return any<T>(dot(p, p) < T(4) * (m.radius2 + dot(m.axis, m.axis)) + T(6) * (far + dot(turned, turned)));
 }
 
 // Swept contact with Coulomb friction of vertices that the step took from x0 to x at velocity v. In the body's frame
@@ -108,7 +108,8 @@ struct Vertex {
   V3<T> x, v;
 };
 template <class T>
-__attribute__((noinline)) Vertex<T> touch(const BodyLanes<T>& b, const Moving<T>& m, V3<T> x0, Vertex<T> at) {
+__attribute__((always_inline)) inline Vertex<T> touch(const BodyLanes<T>& b, const Moving<T>& m, const V3<T>& x0,
+                                                      Vertex<T> at) {
   if (m.shape == Shape::kSphere) touch_shape<T, Shape::kSphere>(b, m, x0, at.x, at.v);
   if (m.shape == Shape::kPlane) touch_shape<T, Shape::kPlane>(b, m, x0, at.x, at.v);
   if (m.shape == Shape::kCapsule) touch_shape<T, Shape::kCapsule>(b, m, x0, at.x, at.v);
