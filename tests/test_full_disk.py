@@ -18,8 +18,9 @@ from cloth_envs.recording.image import Image
 
 RECORDER = """
 import gc, resource, sys
-import gymnasium as gym, numpy as np, cloth_envs
+import gymnasium as gym, numpy as np, cloth_envs, cloth_envs.folds
 from cloth_envs.recording import RecordRollout
+cloth_envs.folds.warn_coarse = lambda scene: None
 limit = int(sys.argv[2])
 resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
 env = RecordRollout(gym.make("MiniCloth-Flag-v0", resolution=(9, 13)), sys.argv[1], overwrite=True)

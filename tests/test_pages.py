@@ -32,8 +32,9 @@ except ValueError as error:
 """
 FORGETFUL = """
 import resource, sys
-import gymnasium as gym, cloth_envs
+import gymnasium as gym, cloth_envs, cloth_envs.folds
 from cloth_envs.recording import RecordRollout
+cloth_envs.folds.warn_coarse = lambda scene: None
 env = RecordRollout(gym.make("MiniCloth-Flag-v0", resolution=(9, 13)), sys.argv[1])
 env.reset(seed=0)
 resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))

@@ -24,7 +24,8 @@ from cloth_envs.state import State
 HEAD = """
 import gc, os, signal, sys, threading, time
 from concurrent.futures import ThreadPoolExecutor
-import gymnasium as gym, numpy as np, cloth_envs
+import gymnasium as gym, numpy as np, cloth_envs, cloth_envs.folds
+cloth_envs.folds.warn_coarse = lambda scene: None
 def make(mode="rgb_array", scene="Flag"):
     env = gym.make(f"MiniCloth-{scene}-v0", disable_env_checker=True, render_mode=mode, resolution=(9, 9))
     env.reset(seed=0)

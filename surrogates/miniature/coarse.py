@@ -93,7 +93,8 @@ class CoarsePhysics:
         self._factors = load_factors(fine.name, factor, scaling) if factors is None else _numbers(factors)
         self.scene, self.handles = coarse_scene(fine, factor, self.material(fine.material), least)
         # A coarse grid's own errors are larger than the air's; one that is not coarser is stepped as the reference.
-        usual = {"held": HELD} if solver == "explicit" and self.scene.grid != fine.grid else {}
+        coarser = self.scene.grid != fine.grid and fine.particles is None
+        usual = {"held": HELD} if solver == "explicit" and coarser else {}
         self.solver = reference(self.scene, num_envs=num_envs, solver=solver, **usual | dict(options or {}))
         self.frames = 1
         self.history: list[State] = []
