@@ -12,6 +12,7 @@ import torch
 from PIL import Image, ImageDraw
 from scipy.signal import find_peaks
 
+from cloth_envs.folds import bending_length
 from cloth_envs.grid import Grid
 from cloth_envs.material import FABRICS
 from cloth_envs.physics.explicit.bounds import stable_step
@@ -38,7 +39,7 @@ def disc(scene):
     return cell, inner > 0
 
 
-def drape(fabric, size=25, seconds=0.8):
+def drape(fabric, size=25, seconds=0.8, seed=0):
     """Drape coefficient [%], number of folds, and the sheet with its cells, at rest."""
     material = FABRICS[fabric].with_changes(drag=25.0)
     grid = Grid(size, size, 2 * DISC, 2 * DISC)
@@ -47,7 +48,7 @@ def drape(fabric, size=25, seconds=0.8):
     away = np.hypot(*x[:2])
     scene = Scene("Cusick", grid, material, 0.02, handles=tuple(np.flatnonzero(away <= PEDESTAL).tolist()))
     cell, inside = disc(scene)
-    x[2] = 1e-3 * (away > PEDESTAL) * np.random.default_rng(0).normal(size=grid.shape)
+    x[2] = 1e-3 * (away > PEDESTAL) * np.random.default_rng(seed).normal(size=grid.shape)
     state = State.still(x[None])
     controls, sheets = Controls.hold(state, scene.handles), properties([material], cell.areas)
     substeps = int(1.3 * scene.frame_dt / stable_step(scene, material)) + 1  # quarters of a cell at the rim are light
@@ -73,6 +74,5 @@ if __name__ == "__main__":
     size, names = int((sys.argv[1:] or ["25"])[0]), sys.argv[2:] or list(FABRICS)
     for name in names:
         coefficient, folds, *_ = drape(name, size)
-        m = FABRICS[name]
-        length = 100 * np.cbrt(m.bend_stiffness / (m.areal_density * 9.81))
+        length = 100 * bending_length(FABRICS[name])
         print(f"{name:8s} bending length {length:.2f} cm  drape coefficient {coefficient:3.0f} %  folds {folds}")

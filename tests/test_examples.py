@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import imageio.v2 as imageio
@@ -51,3 +52,11 @@ def test_forces_plug_into_the_cell() -> None:
 def test_an_upscaler_goes_on_top_of_the_cell() -> None:
     # Coarse physics errs by about as much: 4 to 9 mm on a curtain after five frames (docs/surrogates.md).
     assert float(re.search(r"([\d.]+) mm off", run_example("cnn_upscaler"))[1]) < 15
+
+
+def test_a_stiffer_disc_has_the_larger_drape_coefficient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "examples")
+    drape = import_module("cusick").drape
+    limp, stiff, flat = drape("silk", 13, 0.3)[0], drape("leather", 13, 0.3)[0], drape("silk", 13, 0.0)[0]
+    assert flat == pytest.approx(100, abs=6)  # nothing has moved yet; the disc is cut along cells of 2.5 cm
+    assert 20 < limp < stiff - 10

@@ -1,1 +1,1 @@
-"""Symplectic Euler at the largest stable step."""
+"""Velocity Verlet at the largest stable step."""
