@@ -98,10 +98,10 @@ def mujocos(setup: Setup, settings: str, threads: int) -> np.ndarray:
     steps = frames * cloth.substeps
     with Rollout(nthread=threads) as pool:
         data = [mujoco.MjData(cloth.model) for _ in range(threads)]
-        out = np.empty((BATCH, steps, start.size)), np.empty((BATCH, steps, cloth.model.nsensordata))
         begin = clock()
-        blown = forces.repeat(steps, 1)
-        pool.rollout(cloth.model, data, state, blown, control_spec=given, state=out[0], sensordata=out[1])
+        for _ in range(steps):  # one by one: after a warning, such as of contact, a rollout repeats its last state
+            after, _ = pool.rollout(cloth.model, data, state, forces, control_spec=given)
+            state = after[:, -1]
         taken: np.ndarray = clock() - begin
     return taken / (frames * BATCH)
 
