@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "../base/threads.hpp"
+#include "../selfcontact/core.hpp"
 #include "../sheet/air.hpp"
 #include "driven.hpp"
 
@@ -121,6 +122,16 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
   for (std::ptrdiff_t i = 0; i < s.field; i += width)
     for (int l = 0; l < width; ++l) f.y[i + l] = f.x[i + l] + full.damping[l] * f.v[i + l];
 
+  thread_local std::vector<SelfContact<T>> selves;
+  const bool self = self_tune[8] > 0;
+  if (self) {
+    std::vector<int> firm;
+    for (std::size_t i = 0; i < sheet_.handles.size(); ++i)
+      if (std::isinf(sheet_.hold[3 * i])) firm.push_back(sheet_.handles[i]);
+    if (selves.size() < members.size()) selves.resize(members.size());
+    for (std::size_t m = 0; m < members.size(); ++m)
+      selves[m].begin(sheet_, s, f, int(m), h, materials[members[m]].damping, firm);
+  }
   const int air = sheet_.air ? 2 : sheet_.pressure, held = substeps.held;
   if (!bends && !air) std::fill_n(f.slow, s.field, T(0));
   for (int k = 0; k <= count; ++k) {
@@ -134,6 +145,8 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     const Part part = k == count ? Part::kLast : now.empty() ? Part::kFree : Part::kBodies;
     kernels.step[simple][int(part)](s, f, k == count ? last : k ? full : half, now);
     handles.hold(f, full, width, std::min(k + 1, count) / double(count), k < count ? h : 0);
+    if (self && k < count)
+      for (std::size_t m = 0; m < members.size(); ++m) selves[m].step();
   }
   bool finite = true;
   for (std::size_t m = 0; m < members.size(); ++m) {

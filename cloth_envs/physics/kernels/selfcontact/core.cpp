@@ -1,0 +1,249 @@
+#include "core.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <time.h>
+
+#include "../base/vec.hpp"
+
+namespace minicloth {
+SelfStats self_stats;
+double self_tune[16] = {0.5, 2, 16, 0.5, 0.3, 0.5};
+long self_hist[20];
+static double now_s() { timespec t; clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t); return t.tv_sec + 1e-9 * t.tv_nsec; }
+
+namespace {
+#define kEdges T(self_tune[0])      // of a layer's thickness, how near edges come
+#define kEvery int(self_tune[1])    // steps between two looks at what is close
+#define kSearch int(self_tune[2])   // steps after which what may come close is searched for anew, at the latest
+#define kSkin T(self_tune[3])       // layers, how far a vertex may be from where it was going until then
+#define kPush T(self_tune[4])       // of what is missing, how much a step makes up for
+#define kAhead T(self_tune[5])      // layers, from how far approach is braked
+
+constexpr int kPart[3] = {1, 2, 3};  // ends of the edges of a cell: right, below, diagonal
+
+}  // namespace
+
+template <class T>
+void SelfContact<T>::Parts::clear() {
+  for (auto& v : at) v.resize(count = 0);
+}
+template <class T>
+void SelfContact<T>::Parts::add(int a, int b, int c, int d) {
+  if (count == int(at[0].size()))
+    for (auto& v : at) v.resize(2 * count + 64);
+  at[0][count] = a, at[1][count] = b, at[2][count] = c, at[3][count] = d, ++count;
+}
+template <class T>
+void SelfContact<T>::Parts::close() {
+  for (auto& v : at) v.resize(padded(count), count ? v[count - 1] : 0);
+}
+
+template <class T>
+void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<T>& f, int member, double h,
+                           double damping, const std::vector<int>& firm) {
+  layer_ = T(self_tune[8]), friction_ = T(self_tune[9]), h_ = T(h), damping_ = T(damping);
+  strips_ = &s, f_ = f, member_ = member, cell_area_ = sheet.row_length * sheet.col_length;
+  sweep_.shape(sheet.rows, sheet.cols, sheet.periodic);
+  x0_.resize(s.field), v0_.resize(s.field);
+  mobility_.assign(s.places.size(), T(1));
+  for (int i = 0; i < int(mobility_.size()); ++i) {
+    const int r = i / sheet.cols, c = i % sheet.cols;
+    if (r == 0 || r == sheet.rows - 1) mobility_[i] *= 2;
+    if (!sheet.periodic && (c == 0 || c == sheet.cols - 1)) mobility_[i] *= 2;
+  }
+  for (int i : firm) mobility_[i] = 0;
+  self_stats.frames++;
+  search();
+}
+
+template <class T>
+void SelfContact<T>::search() {
+  const double t0 = now_s();
+  const auto& near = lanes<NearLanes<T>>();
+  const Strips<T>& s = *strips_;
+  const int n = int(s.places.size());
+  std::copy_n(f_.x, s.field, x0_.data()), std::copy_n(f_.v, s.field, v0_.data());
+  const T time = h_ * T(kSearch + kEvery);
+  for (int k = 0; k < 3; ++k) {
+    T *const now = sweep_.now.data() + k * sweep_.plane, *const then = sweep_.then.data() + k * sweep_.plane;
+    const T *const x = f_.x + k * s.width + member_, *const v = f_.v + k * s.width + member_;
+    for (int i = 0; i < n; ++i) now[i] = x[s.places[i]], then[i] = now[i] + time * v[s.places[i]];
+  }
+  double t1=now_s(); self_tune[10]+=t1-t0;
+  const T skin = 2 * kSkin * layer_ + kAhead * layer_;
+  near.boxes(sweep_, T(cell_area_)); double t2=now_s(); self_tune[11]+=t2-t1;
+  near.blocks(sweep_, layer_ + skin); double t3=now_s(); self_tune[12]+=t3-t2;
+  near.cells(sweep_, layer_ + skin); double t4=now_s(); self_tune[13]+=t4-t3;
+  const auto& pairs = sweep_.close_cells;
+  bits_.resize(pairs.size());
+  near.parts(sweep_, pairs.data(), int(pairs.size()), layer_ + skin, kEdges * layer_ + skin, bits_.data());
+  double t5=now_s(); self_tune[14]+=t5-t4; vertices_.clear(), edges_.clear();
+  vertices_.clear(), edges_.clear();
+  for (std::size_t p = 0; p < pairs.size(); ++p) {
+    if (!bits_[p]) continue;
+    int at[2][4];
+    for (int half = 0; half < 2; ++half) {
+      const int i = half ? pairs[p].second : pairs[p].first, r = i / sweep_.cols, c = i - r * sweep_.cols;
+      const int right = sweep_.right(c) - c, down = (sweep_.below(r) - r) * sweep_.cols;
+      at[half][0] = i, at[half][1] = i + right, at[half][2] = i + down, at[half][3] = i + right + down;
+    }
+    for (unsigned found = bits_[p]; found; found &= found - 1) {
+      const int k = __builtin_ctz(found);
+      if (k < 4) {
+        const int* const t = at[1 - k / 2];
+        const int v = at[k / 2][0], b = k % 2 ? t[3] : t[2], c = k % 2 ? t[1] : t[3];
+        if (t[0] == t[1] || t[0] == t[2] || v == t[0] || v == b || v == c) continue;
+        vertices_.add(v, t[0], b, c);
+      } else {
+        const int e = kPart[(k - 4) / 3], g = kPart[(k - 4) % 3];
+        const int a = at[0][0], b = at[0][e], c = at[1][0], d = at[1][g];
+        const auto none = [&](const int* q, int m) { return m == 3 ? q[0] == q[1] || q[0] == q[2] : q[0] == q[m]; };
+        if (none(at[0], e) || none(at[1], g) || a == c || a == d || b == c || b == d) continue;
+        edges_.add(a, b, c, d);
+      }
+    }
+  }
+  vertices_.close(), edges_.close();
+  since_ = 0;
+  self_stats.search += now_s() - t0, self_stats.searches++;
+  self_stats.vt += vertices_.count, self_stats.ee += edges_.count;
+  self_stats.blocks += sweep_.close_blocks.size(), self_stats.cells += pairs.size();
+}
+
+template <class T>
+bool SelfContact<T>::strayed() const {
+  alignas(64) T since[64 / sizeof(T)], most[64 / sizeof(T)];
+  std::fill_n(since, strips_->width, T(since_ * h_));
+  lanes<NearLanes<T>>().drift(f_.x, x0_.data(), v0_.data(), strips_->field, since, most);
+  T worst = most[member_];
+  if (strips_->banded) worst = *std::max_element(most, most + strips_->width);
+  const T limit = kSkin * layer_;
+  return !(worst <= limit * limit);
+}
+
+template <class T>
+void SelfContact<T>::step() {
+  ++since_, ++last_;
+  if (last_ < kEvery) return;
+  double t0 = now_s();
+  if (since_ >= kSearch || strayed()) self_stats.drift += now_s() - t0, search();
+  else self_stats.drift += now_s() - t0;
+  t0 = now_s();
+  resolve(vertices_, false, layer_, last_), resolve(edges_, true, kEdges * layer_, last_);
+  self_stats.resolve += now_s() - t0, self_stats.checks++;
+  last_ = 0;
+}
+
+namespace {
+
+template <class T>
+T clamp01(T t) {
+  return t < T(0) ? T(0) : t > T(1) ? T(1) : t;
+}
+
+// Shares of b and c in the point of a triangle a, b, c that is nearest to p.
+template <class T>
+void nearest_in_triangle(const Vec<T>& p, const Vec<T>& a, const Vec<T>& b, const Vec<T>& c, T* v, T* w) {
+  const Vec<T> ab = b - a, ac = c - a, ap = p - a;
+  const T d1 = dot(ab, ap), d2 = dot(ac, ap);
+  if (d1 <= 0 && d2 <= 0) return void(*v = *w = 0);
+  const Vec<T> bp = p - b;
+  const T d3 = dot(ab, bp), d4 = dot(ac, bp);
+  if (d3 >= 0 && d4 <= d3) return void((*v = 1, *w = 0));
+  const T vc = d1 * d4 - d3 * d2;
+  if (vc <= 0 && d1 >= 0 && d3 <= 0) return void((*v = d1 / (d1 - d3), *w = 0));
+  const Vec<T> cp = p - c;
+  const T d5 = dot(ab, cp), d6 = dot(ac, cp);
+  if (d6 >= 0 && d5 <= d6) return void((*v = 0, *w = 1));
+  const T vb = d5 * d2 - d1 * d6;
+  if (vb <= 0 && d2 >= 0 && d6 <= 0) return void((*v = 0, *w = d2 / (d2 - d6)));
+  const T va = d3 * d6 - d5 * d4;
+  if (va <= 0 && d4 - d3 >= 0 && d5 - d6 >= 0) {
+    *w = (d4 - d3) / ((d4 - d3) + (d5 - d6)), *v = 1 - *w;
+    return;
+  }
+  const T sum = va + vb + vc;
+  *v = vb / sum, *w = vc / sum;
+}
+
+template <class T>
+void nearest_on_edges(const Vec<T>& p, const Vec<T>& d, const Vec<T>& q, const Vec<T>& e, T* s, T* t) {
+  const Vec<T> r = p - q;
+  const T a = dot(d, d), b = dot(d, e), c = dot(d, r), g = dot(e, e), f = dot(e, r), den = a * g - b * b;
+  *s = den > T(1e-6) * a * g ? clamp01<T>((b * f - c * g) / den) : T(0);
+  *t = (b * *s + f) / g;
+  if (*t < 0 || *t > 1) *t = clamp01<T>(*t), *s = clamp01<T>((b * *t - c) / a);
+}
+
+}  // namespace
+
+template <class T>
+void SelfContact<T>::resolve(const Parts& parts, bool edges, T reach, int steps) {
+  if (!parts.count) return;
+  const int width = strips_->width;
+  found_.resize(parts.count);
+  thread_local std::vector<int> elements[4];
+  const int* at[4];
+  for (int q = 0; q < 4; ++q) {
+    elements[q].resize(parts.at[q].size());
+    for (std::size_t i = 0; i < elements[q].size(); ++i) elements[q][i] = strips_->places[parts.at[q][i]] + member_;
+    at[q] = elements[q].data();
+  }
+  const T ahead = kAhead * layer_, time = h_ * T(steps);
+  const int hits = lanes<NearLanes<T>>().touching(f_.x, width, at, parts.count, edges, T(1.0001) * (reach + ahead),
+                                                  found_.data());
+  self_stats.hits += hits;
+  for (int m = 0; m < hits; ++m) {
+    Vec<T> x[4], v[4];
+    T weight[4], mobility[4];
+    int place[4];
+    for (int q = 0; q < 4; ++q) {
+      place[q] = at[q][found_[m]];
+      mobility[q] = mobility_[parts.at[q][found_[m]]];
+      const T *const px = f_.x + place[q], *const pv = f_.v + place[q];
+      x[q] = {px[0], px[width], px[2 * width]}, v[q] = {pv[0], pv[width], pv[2 * width]};
+    }
+    if (edges) {
+      T s, t;
+      nearest_on_edges(x[0], x[1] - x[0], x[2], x[3] - x[2], &s, &t);
+      weight[0] = 1 - s, weight[1] = s, weight[2] = t - 1, weight[3] = -t;
+    } else {
+      T b, c;
+      nearest_in_triangle(x[0], x[1], x[2], x[3], &b, &c);
+      weight[0] = 1, weight[1] = b + c - 1, weight[2] = -b, weight[3] = -c;
+    }
+    Vec<T> d = {0, 0, 0}, u = {0, 0, 0};
+    T give = 0;
+    for (int q = 0; q < 4; ++q)
+      d = d + weight[q] * x[q], u = u + weight[q] * v[q], give += weight[q] * weight[q] * mobility[q];
+    const T apart2 = dot(d, d);
+    if (!(apart2 < (reach + ahead) * (reach + ahead)) || !(apart2 > T(1e-14)) || !(give > 0)) continue;
+    const T apart = std::sqrt(apart2), gap = apart - reach;
+    const Vec<T> n = d / apart;
+    const T un = dot(u, n), least = gap > 0 ? -gap / time : T(0);
+    if (un >= least && gap >= 0) continue;
+    const T stop = un < least ? least - un : T(0), push = gap < 0 ? -kPush * gap : T(0);
+    const Vec<T> slide = u - un * n;
+    const T sliding = std::sqrt(dot(slide, slide)), hold = sliding > 0 ? std::min(friction_ * stop / sliding, T(1)) : T(0);
+    self_stats.moved++;
+    for (int q = 0; q < 4; ++q) {
+      const T share = mobility[q] * weight[q] / give;
+      v[q] = v[q] + share * (stop * n - hold * slide), x[q] = x[q] + (share * push) * n;
+      T *const px = f_.x + place[q], *const pv = f_.v + place[q], *const py = f_.y + place[q];
+      px[0] = x[q].x, px[width] = x[q].y, px[2 * width] = x[q].z;
+      pv[0] = v[q].x, pv[width] = v[q].y, pv[2 * width] = v[q].z;
+      py[0] = x[q].x + damping_ * v[q].x, py[width] = x[q].y + damping_ * v[q].y;
+      py[2 * width] = x[q].z + damping_ * v[q].z;
+    }
+  }
+}
+
+template class SelfContact<float>;
+template class SelfContact<double>;
+
+}  // namespace minicloth
+
+extern "C" __attribute__((visibility("default"))) minicloth::SelfStats* minicloth_stats() { return &minicloth::self_stats; }
+extern "C" __attribute__((visibility("default"))) long* minicloth_hist() { return minicloth::self_hist; }
+extern "C" __attribute__((visibility("default"))) double* minicloth_tune() { return minicloth::self_tune; }

@@ -1,0 +1,397 @@
+// Compiled once per instruction set; LANES names the namespace.
+#include <algorithm>
+#include <cstdlib>
+
+#include "distance.hpp"
+#include "near.hpp"
+
+namespace minicloth {
+namespace LANES {
+namespace {
+
+constexpr double kFar = 1e9;     // m
+constexpr double kFlat = 0.35;   // least part of the rest area that cells of flat blocks have along a common normal
+constexpr double kSmall = 0.3;   // of the rest area, of cells whose normals tell little
+constexpr double kFold = -0.1;   // least cosine between neighbours' normals where cells up to kApart apart do not meet
+constexpr int kApart = 2;
+
+template <class T>
+inline T lesser(T a, T b) {
+  return a < b ? a : b;
+}
+template <class T>
+inline T greater(T a, T b) {
+  return a > b ? a : b;
+}
+
+// Boxes of the cells of a row, and of the ways of their corners.
+template <class T>
+void row_of_cells(Sweep<T>& s, int r, int c0, int c1, int right, int down) {
+  const std::size_t first = std::size_t(r) * s.cols;
+  for (int k = 0; k < 3; ++k) {
+    const T *const x = s.now.data() + k * s.plane + first, *const y = s.then.data() + k * s.plane + first;
+    T *const a = s.cell.data() + k * s.plane + first, *const b = a + 3 * s.plane, *const d = a + 6 * s.plane,
+             *const e = a + 9 * s.plane, *const f = s.way.data() + k * s.plane + first, *const g = f + 3 * s.plane;
+#pragma GCC ivdep
+    for (int c = c0; c < c1; ++c) {
+      const T p = x[c], q = x[c + right], t = x[c + down], u = x[c + right + down];
+      const T p1 = y[c], q1 = y[c + right], t1 = y[c + down], u1 = y[c + right + down];
+      const T pw = p1 - p, qw = q1 - q, tw = t1 - t, uw = u1 - u;
+      a[c] = lesser(lesser(p, q), lesser(t, u)), b[c] = greater(greater(p, q), greater(t, u));
+      d[c] = lesser(lesser(p1, q1), lesser(t1, u1)), e[c] = greater(greater(p1, q1), greater(t1, u1));
+      f[c] = lesser(lesser(pw, qw), lesser(tw, uw)), g[c] = greater(greater(pw, qw), greater(tw, uw));
+    }
+  }
+}
+
+template <class T>
+void row_of_normals(Sweep<T>& s, int r, int c0, int c1, int right, T unit) {
+  const std::size_t first = std::size_t(r) * s.cols;
+  const int down = s.cols, corner = right + down;
+  const T *const X = s.now.data() + first, *const Y = X + s.plane, *const Z = Y + s.plane;
+  T *const nx = s.normal.data() + first, *const ny = nx + s.plane, *const nz = ny + s.plane;
+#pragma GCC ivdep
+  for (int c = c0; c < c1; ++c) {
+    const T ax = X[c + corner] - X[c], ay = Y[c + corner] - Y[c], az = Z[c + corner] - Z[c];
+    const T bx = X[c + right] - X[c + down], by = Y[c + right] - Y[c + down], bz = Z[c + right] - Z[c + down];
+    nx[c] = unit * (ay * bz - az * by), ny[c] = unit * (az * bx - ax * bz), nz[c] = unit * (ax * by - ay * bx);
+  }
+}
+
+// Joins cells i + c and j + c: the cosine between their normals to both; -1 where one of them is small.
+template <class T>
+void join(Sweep<T>& s, std::size_t i, std::size_t j, int count) {
+  const T *const x = s.normal.data(), *const y = x + s.plane, *const z = y + s.plane;
+  T* const smooth = s.smooth.data();
+  const auto cosine = [&](std::size_t a, std::size_t b) __attribute__((always_inline)) {
+    const T d = x[a] * x[b] + (y[a] * y[b] + z[a] * z[b]);
+    const T m = x[a] * x[a] + (y[a] * y[a] + z[a] * z[a]), n = x[b] * x[b] + (y[b] * y[b] + z[b] * z[b]);
+    // d / sqrt(m n) > kFold, without the root: a number that is at least kFold where that holds
+    const T small = T(kSmall * kSmall), fold = T(kFold);
+    return (m > small && n > small && (d > T(0) || d * d < fold * fold * m * n)) ? T(1) : T(-1);
+  };
+#pragma GCC ivdep
+  for (int c = 0; c < count; ++c) smooth[i + c] = lesser(smooth[i + c], cosine(i + c, j + c));
+#pragma GCC ivdep
+  for (int c = 0; c < count; ++c) smooth[j + c] = lesser(smooth[j + c], cosine(i + c, j + c));
+}
+
+// Lowest or highest, columnwise, of rows r0 to r1 of a plane.
+template <class T>
+void columns(const T* plane, int cols, int r0, int r1, bool low, T* to) {
+  std::copy_n(plane + std::size_t(r0) * cols, cols, to);
+  for (int r = r0 + 1; r < r1; ++r) {
+    const T* const row = plane + std::size_t(r) * cols;
+    if (low)
+      for (int c = 0; c < cols; ++c) to[c] = lesser(to[c], row[c]);
+    else
+      for (int c = 0; c < cols; ++c) to[c] = greater(to[c], row[c]);
+  }
+}
+
+// Of cells, and of blocks by what `planes` hold of cells (lo and hi in turn, three each), to planes of blocks; the last
+// `less_rows` rows and `less_cols` columns of cells do not count.
+template <class T>
+void to_blocks(const Sweep<T>& s, const Plane<T>& planes, int count, int less_rows, int less_cols, Plane<T>& to) {
+  thread_local std::vector<T> line;
+  line.resize(s.cols);
+  const int rows = s.rows - less_rows, cols = s.cols - less_cols;
+  for (int k = 0; k < count; ++k) {
+    const bool low = k / 3 % 2 == 0;
+    T* const out = to.data() + std::size_t(k) * s.blocks;
+    std::fill_n(out, s.blocks, T(low ? kFar : -kFar));
+    for (int b = 0; b < s.block_rows; ++b) {
+      const int r0 = b * kSide, r1 = std::min(r0 + kSide, rows);
+      if (r1 <= r0) continue;
+      columns(planes.data() + k * s.plane, s.cols, r0, r1, low, line.data());
+      const int first = (b / kSide * s.group_cols) * kCells + b % kSide * kSide;
+      for (int a = 0; a < s.block_cols; ++a) {
+        const int c0 = a * kSide, c1 = std::min(c0 + kSide, cols);
+        T v = T(low ? kFar : -kFar);
+        for (int c = c0; c < c1; ++c) v = low ? lesser(v, line[c]) : greater(v, line[c]);
+        out[first + a / kSide * kCells + a % kSide] = v;
+      }
+    }
+  }
+}
+
+template <class T>
+void boxes(Sweep<T>& s, T cell_area) {
+  const int cols = s.cols, last = cols - 1, wrap = s.periodic ? -last : 0;
+  for (int r = 0; r < s.rows; ++r) {
+    const int down = (s.below(r) - r) * cols;
+    row_of_cells(s, r, 0, last, 1, down), row_of_cells(s, r, last, cols, wrap, down);
+  }
+  const T unit = T(0.5) / cell_area;
+  const int across = s.periodic ? cols : last;
+  for (int r = 0; r + 1 < s.rows; ++r) {
+    row_of_normals(s, r, 0, last, 1, unit);
+    if (s.periodic) row_of_normals(s, r, last, cols, wrap, unit);
+  }
+  std::fill(s.smooth.begin(), s.smooth.end(), T(1));
+  for (int r = 0; r + 1 < s.rows; ++r) {
+    const std::size_t i = std::size_t(r) * cols;
+    join(s, i, i + 1, across - 1);
+    if (s.periodic) join(s, i, i + last, 1);
+    if (r + 2 < s.rows) join(s, i, i + cols, across);
+  }
+  to_blocks(s, s.cell, kBox, 0, 0, s.block), to_blocks(s, s.normal, 3, 1, cols - across, s.cone);
+  for (int g = 0; g < s.groups; ++g)
+    for (int k = 0; k < kBox; ++k) {
+      const T* const from = s.block.data() + std::size_t(k) * s.blocks + g * kCells;
+      T v = from[0];
+      for (int i = 1; i < kCells; ++i) v = k / 3 % 2 ? greater(v, from[i]) : lesser(v, from[i]);
+      s.group[g * kBox + k] = v;
+    }
+}
+
+// Whether vectors of boxes, planes `stride` apart, come near the box a, which reach has grown.
+template <class T>
+inline auto meet(const T (&a)[kBox], const T* b, std::size_t stride) {
+  const auto get = [&](int k) { return load(b + k * stride); };
+  auto near = ((get(0) < a[3]) | (get(6) < a[9])) & ((get(3) > a[0]) | (get(9) > a[6]));
+  for (int k = 1; k < 3; ++k)
+    near &= ((get(k) < a[3 + k]) | (get(6 + k) < a[9 + k])) & ((get(3 + k) > a[k]) | (get(9 + k) > a[6 + k]));
+  return near;
+}
+template <class T>
+inline bool meet(const T (&a)[kBox], const T* b) {
+  for (int k = 0; k < 3; ++k)
+    if ((b[k] >= a[3 + k] && b[6 + k] >= a[9 + k]) || (b[3 + k] <= a[k] && b[9 + k] <= a[6 + k])) return false;
+  return true;
+}
+template <class T>
+inline void grown(const T* from, std::size_t stride, T reach, T (&to)[kBox]) {
+  for (int k = 0; k < kBox; ++k) to[k] = from[k * stride] + (k / 3 % 2 ? reach : -reach);
+}
+// A bit for every lane in which a comparison holds.
+template <class T, class Mask>
+inline unsigned bits(const Mask& mask) {
+#if defined(__AVX512F__)
+  return sizeof(T) == 4 ? _mm512_movepi32_mask((__m512i)mask) : _mm512_movepi64_mask((__m512i)mask);
+#elif defined(__AVX2__)
+  return sizeof(T) == 4 ? _mm256_movemask_ps((__m256)mask) : _mm256_movemask_pd((__m256d)mask);
+#elif defined(__SSE2__)
+  return sizeof(T) == 4 ? _mm_movemask_ps((__m128)mask) : _mm_movemask_pd((__m128d)mask);
+#else
+  unsigned found = 0;
+  for (int k = 0; k < kLanes<T>; ++k) found |= (mask[k] ? 1u : 0u) << k;
+  return found;
+#endif
+}
+
+// Whether blocks beside each other, or one alone, are so flat that their cells do not meet.
+template <class T>
+bool flat(const Sweep<T>& s, int a, int b) {
+  T length = 0, spread = 0, axis[3];
+  for (int k = 0; k < 3; ++k) {
+    const std::size_t i = std::size_t(k) * s.blocks, j = std::size_t(3 + k) * s.blocks;
+    const T lo = lesser(s.cone[i + a], s.cone[i + b]), hi = greater(s.cone[j + a], s.cone[j + b]);
+    if (lo > hi) return true;
+    axis[k] = (lo + hi) / 2, length += axis[k] * axis[k], spread += (hi - lo) * (hi - lo) / 4;
+  }
+  length = std::sqrt(length);
+  if (length - std::sqrt(spread) > T(kFlat)) return true;
+  if (length < T(kFlat)) return false;
+  const T *const x = s.normal.data(), *const y = x + s.plane, *const z = y + s.plane, least = T(kFlat) * length;
+  const int across = s.periodic ? s.cols : s.cols - 1;
+  for (const int block : {a, b}) {
+    const int first = s.at[block], rows = std::min(kSide, s.rows - 1 - first / s.cols);
+    const int cols = std::min(kSide, across - first % s.cols);
+    for (int r = 0; r < rows; ++r)
+      for (int c = 0; c < cols; ++c) {
+        const int i = first + r * s.cols + c;
+        if (axis[0] * x[i] + axis[1] * y[i] + axis[2] * z[i] < least) return false;
+      }
+  }
+  return true;
+}
+
+// Whether two cells or blocks that start at cells i and j lie at most `apart` cells from each other in the grid.
+template <class T>
+inline bool beside(const Sweep<T>& s, int i, int j, int apart) {
+  const int dr = std::abs(i / s.cols - j / s.cols);
+  int dc = std::abs(i % s.cols - j % s.cols);
+  if (s.periodic) dc = std::min(dc, s.cols - dc);
+  return dr <= apart && dc <= apart;
+}
+
+template <class T>
+void blocks(Sweep<T>& s, T reach) {
+  constexpr int n = kLanes<T>;
+  s.close_blocks.clear();
+  for (int g = 0; g < s.groups; ++g)
+    for (int h = g; h < s.groups; ++h) {
+      T all[kBox], mine[kBox];
+      grown(s.group.data() + h * kBox, 1, reach, all);
+      if (!meet(all, s.group.data() + g * kBox)) continue;
+      unsigned some = 0;
+      for (int k = 0; k < kCells; k += n) some |= bits<T>(meet<T>(all, s.block.data() + g * kCells + k, s.blocks)) << k;
+      for (; some; some &= some - 1) {
+        const int a = g * kCells + __builtin_ctz(some);
+        grown(s.block.data() + a, s.blocks, reach, mine);
+        for (int k = 0; k < kCells; k += n)
+          for (unsigned found = bits<T>(meet<T>(mine, s.block.data() + h * kCells + k, s.blocks)); found;
+               found &= found - 1) {
+            const int b = h * kCells + k + __builtin_ctz(found);
+            if (b < a || (beside(s, s.at[a], s.at[b], kSide + (s.periodic ? kSide - 1 : 0)) && flat(s, a, b))) continue;
+            s.close_blocks.push_back({a, b});
+          }
+      }
+    }
+}
+
+// The boxes of a block's cells side by side; where there are none they are empty.
+template <class T>
+const T* slots(Sweep<T>& s, int block) {
+  T* const to = s.slots.data() + std::size_t(block) * kBox * kCells;
+  if (s.filled[block]) return to;
+  s.filled[block] = 1;
+  const int first = s.at[block], rows = std::min(kSide, s.rows - first / s.cols);
+  const int cols = std::min(kSide, s.cols - first % s.cols);
+  for (int k = 0; k < kBox; ++k)
+    for (int r = 0; r < kSide; ++r) {
+      T* const out = to + k * kCells + r * kSide;
+      std::copy_n(s.cell.data() + k * s.plane + first + std::min(r, rows - 1) * s.cols, kSide, out);
+      for (int c = r < rows ? cols : 0; c < kSide; ++c) out[c] = T(k / 3 % 2 ? -kFar : kFar);
+    }
+  return to;
+}
+
+template <class T>
+void cells(Sweep<T>& s, T reach) {
+  constexpr int n = kLanes<T>;
+  std::fill(s.filled.begin(), s.filled.end(), 0);
+  s.close_cells.clear();
+  for (const auto& [a, b] : s.close_blocks) {
+    const T *const first = slots(s, a), *const second = slots(s, b);
+    T all[kBox], mine[kBox];
+    grown(s.block.data() + b, s.blocks, reach, all);
+    unsigned some = 0;
+    for (int k = 0; k < kCells; k += n) some |= bits<T>(meet<T>(all, first + k, kCells)) << k;
+    for (; some; some &= some - 1) {
+      const int i = __builtin_ctz(some), at = s.at[a] + i / kSide * s.cols + i % kSide;
+      grown(first + i, kCells, reach, mine);
+      for (int k = 0; k < kCells; k += n)
+        for (unsigned found = bits<T>(meet<T>(mine, second + k, kCells)); found; found &= found - 1) {
+          const int j = k + __builtin_ctz(found), to = s.at[b] + j / kSide * s.cols + j % kSide;
+          if (a == b && j <= i) continue;
+          if (lesser(s.smooth[at], s.smooth[to]) > T(0) && beside(s, at, to, kApart)) continue;
+          s.close_cells.push_back({at, to});
+        }
+    }
+  }
+}
+
+template <class T>
+inline V<T> gather(const T* base, const int* at) {
+  V<T> v;
+  for (int k = 0; k < kLanes<T>; ++k) v[k] = base[at[k]];
+  return v;
+}
+#if defined(__AVX512F__)
+template <>
+inline V<float> gather(const float* base, const int* at) {
+  return (V<float>)_mm512_i32gather_ps(_mm512_loadu_si512(at), base, 4);
+}
+#elif defined(__AVX2__)
+template <>
+inline V<float> gather(const float* base, const int* at) {
+  return (V<float>)_mm256_i32gather_ps(base, _mm256_loadu_si256((const __m256i*)at), 4);
+}
+#endif
+
+template <class T>
+void parts(const Sweep<T>& s, const std::pair<int, int>* pairs, int count, T vertex_reach, T edge_reach,
+           std::uint16_t* found) {
+  constexpr int n = kLanes<T>;
+  for (int first = 0; first < count; first += n) {
+    alignas(64) int at[2][4][n];
+    for (int l = 0; l < n; ++l) {
+      const auto& pair = pairs[std::min(first + l, count - 1)];
+      for (int half = 0; half < 2; ++half) {
+        const int i = half ? pair.second : pair.first, r = i / s.cols, c = i - r * s.cols;
+        const int right = s.right(c) - c, down = (s.below(r) - r) * s.cols;
+        at[half][0][l] = i, at[half][1][l] = i + right, at[half][2][l] = i + down, at[half][3][l] = i + right + down;
+      }
+    }
+    V3<T> p[2][4];
+    for (int half = 0; half < 2; ++half)
+      for (int q = 0; q < 4; ++q) {
+        const T* const x = s.now.data();
+        const int* const i = at[half][q];
+        p[half][q] = {gather<T>(x, i), gather<T>(x + s.plane, i), gather<T>(x + 2 * s.plane, i)};
+      }
+    V<T> going = {};  // how far they can go towards each other
+    for (int k = 0; k < 3; ++k) {
+      const T *const lo = s.way.data() + k * s.plane, *const hi = lo + 3 * s.plane;
+      const V<T> u = gather<T>(hi, at[0][0]) - gather<T>(lo, at[1][0]);
+      const V<T> v = gather<T>(hi, at[1][0]) - gather<T>(lo, at[0][0]), most = u > v ? u : v;
+      going += most * most;
+    }
+    going = going * rsqrt(going + tiny<T>);
+    const V<T> vertex = going + vertex_reach, edge = going + edge_reach;
+    const V<T> vertex2 = vertex * vertex, edge2 = edge * edge;
+    V<T> mask = {};
+    const auto note = [&](const V<T>& d2, const V<T>& limit, int bit) {
+      mask += d2 < limit ? V<T>{} + T(1 << bit) : V<T>{};
+    };
+    for (int half = 0; half < 2; ++half) {
+      const V3<T>& v = p[half][0];
+      const V3<T>(&t)[4] = p[1 - half];
+      note(to_triangle<T>(v, t[0], t[2], t[3]), vertex2, 2 * half);
+      note(to_triangle<T>(v, t[0], t[3], t[1]), vertex2, 2 * half + 1);
+    }
+    for (int a = 0; a < 3; ++a)
+      for (int b = 0; b < 3; ++b)
+        note(of_edges<T>(p[0][0], p[0][a + 1] - p[0][0], p[1][0], p[1][b + 1] - p[1][0]), edge2, 4 + 3 * a + b);
+    for (int l = 0; l < n && first + l < count; ++l) found[first + l] = std::uint16_t(mask[l]);
+  }
+}
+
+template <class T>
+int touching(const T* x, int width, const int* const (&at)[4], int count, bool edges, T reach, int* found) {
+  constexpr int n = kLanes<T>;
+  const T limit = reach * reach;
+  int hits = 0;
+  for (int first = 0; first < count; first += n) {
+    V3<T> p[4];
+    for (int q = 0; q < 4; ++q)
+      p[q] = {gather<T>(x, at[q] + first), gather<T>(x + width, at[q] + first), gather<T>(x + 2 * width, at[q] + first)};
+    const V<T> d2 = edges ? of_edges<T>(p[0], p[1] - p[0], p[2], p[3] - p[2]) : to_triangle<T>(p[0], p[1], p[2], p[3]);
+    const auto near = d2 < V<T>{} + limit;
+    if (!any<T>(near)) continue;
+    for (unsigned some = bits<T>(near); some; some &= some - 1) {
+      const int i = first + __builtin_ctz(some);
+      if (i < count) found[hits++] = i;
+    }
+  }
+  return hits;
+}
+
+template <class T>
+void drift(const T* x, const T* x0, const T* v0, std::ptrdiff_t size, const T* since, T* most) {
+  constexpr int n = kLanes<T>, q = 3 * n;
+  const V<T> t = load(since);
+  V<T> high = {};
+  for (std::ptrdiff_t i = 0; i < size; i += q) {
+    V<T> d2 = {};
+    for (int k = 0; k < q; k += n) {
+      const V<T> d = load(x + i + k) - (load(x0 + i + k) + t * load(v0 + i + k));
+      d2 += d * d;
+    }
+    high = d2 > high ? d2 : high;
+  }
+  store<T>(most, high);
+}
+
+template <class T>
+const NearLanes<T> instance = {boxes<T>, blocks<T>, cells<T>, parts<T>, touching<T>, drift<T>};
+
+}  // namespace
+}  // namespace LANES
+
+DEFINE_LANES(NearLanes<float>, instance<float>)
+DEFINE_LANES(NearLanes<double>, instance<double>)
+
+}  // namespace minicloth

@@ -1,0 +1,31 @@
+#include "near.hpp"
+
+#include <algorithm>
+
+namespace minicloth {
+
+template <class T>
+void Sweep<T>::shape(int rows_, int cols_, bool periodic_) {
+  if (rows == rows_ && cols == cols_ && periodic == periodic_) return;
+  rows = rows_, cols = cols_, periodic = periodic_;
+  const auto parts = [](int n) { return (n + kSide - 1) / kSide; };
+  block_rows = parts(rows), block_cols = parts(cols);
+  group_rows = parts(block_rows), group_cols = parts(block_cols);
+  groups = group_rows * group_cols, blocks = groups * kCells;
+  plane = padded(rows * cols + 2 * kBlock);
+  for (auto* planes : {&now, &then, &normal}) planes->assign(3 * plane, T(0));
+  smooth.assign(plane, T(0)), cell.assign(kBox * plane, T(0)), way.assign(6 * plane, T(0));
+  slots.assign(std::size_t(kBox) * kCells * blocks, T(0)), filled.assign(blocks, 0);
+  block.assign(kBox * blocks, T(0)), cone.assign(6 * blocks, T(0)), group.assign(kBox * groups, T(0));
+  at.assign(blocks, -1);
+  for (int b = 0; b < blocks; ++b) {
+    const int g = b / kCells, i = b % kCells;
+    const int r = g / group_cols * kSide + i / kSide, c = g % group_cols * kSide + i % kSide;
+    if (r < block_rows && c < block_cols) at[b] = r * kSide * cols + c * kSide;
+  }
+}
+
+template struct Sweep<float>;
+template struct Sweep<double>;
+
+}  // namespace minicloth
