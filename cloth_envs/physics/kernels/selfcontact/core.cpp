@@ -9,7 +9,7 @@
 namespace minicloth {
 SelfStats self_stats;
 double self_tune[16] = {0.5, 2, 16, 0.5, 0.3, 0.5};
-long self_hist[20];
+long self_hist[20]; double self_min[4];
 static double now_s() { timespec t; clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t); return t.tv_sec + 1e-9 * t.tv_nsec; }
 
 namespace {
@@ -55,6 +55,7 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
   for (int i : firm) mobility_[i] = 0;
   self_stats.frames++;
   search();
+  for (int k=0;k<int(self_tune[15]);++k) { search(); double t0=now_s(); int n0=last_; resolve(vertices_,false,layer_,1); double t1=now_s(); resolve(edges_,true,kEdges*layer_,1); double t2=now_s(); self_min[1]=std::min(self_min[1],t1-t0); self_min[2]=std::min(self_min[2],t2-t1); t0=now_s(); strayed(); self_min[3]=std::min(self_min[3],now_s()-t0);}
 }
 
 template <class T>
@@ -70,24 +71,21 @@ void SelfContact<T>::search() {
     const T *const x = f_.x + k * s.width + member_, *const v = f_.v + k * s.width + member_;
     for (int i = 0; i < n; ++i) now[i] = x[s.places[i]], then[i] = now[i] + time * v[s.places[i]];
   }
-  double t1=now_s(); self_tune[10]+=t1-t0;
+  double t1=now_s(); self_tune[10]=std::min(self_tune[10],t1-t0);
   const T skin = 2 * kSkin * layer_ + kAhead * layer_;
-  near.boxes(sweep_, T(cell_area_)); double t2=now_s(); self_tune[11]+=t2-t1;
-  near.blocks(sweep_, layer_ + skin); double t3=now_s(); self_tune[12]+=t3-t2;
-  near.cells(sweep_, layer_ + skin); double t4=now_s(); self_tune[13]+=t4-t3;
+  near.boxes(sweep_, T(cell_area_)); double t2=now_s(); self_tune[11]=std::min(self_tune[11],t2-t1);
+  near.blocks(sweep_, layer_ + skin); double t3=now_s(); self_tune[12]=std::min(self_tune[12],t3-t2);
+  near.cells(sweep_, layer_ + skin); double t4=now_s(); self_tune[13]=std::min(self_tune[13],t4-t3);
   const auto& pairs = sweep_.close_cells;
   bits_.resize(pairs.size());
   near.parts(sweep_, pairs.data(), int(pairs.size()), layer_ + skin, kEdges * layer_ + skin, bits_.data());
-  double t5=now_s(); self_tune[14]+=t5-t4; vertices_.clear(), edges_.clear();
+  double t5=now_s(); self_tune[14]=std::min(self_tune[14],t5-t4); vertices_.clear(), edges_.clear();
   vertices_.clear(), edges_.clear();
   for (std::size_t p = 0; p < pairs.size(); ++p) {
     if (!bits_[p]) continue;
     int at[2][4];
-    for (int half = 0; half < 2; ++half) {
-      const int i = half ? pairs[p].second : pairs[p].first, r = i / sweep_.cols, c = i - r * sweep_.cols;
-      const int right = sweep_.right(c) - c, down = (sweep_.below(r) - r) * sweep_.cols;
-      at[half][0] = i, at[half][1] = i + right, at[half][2] = i + down, at[half][3] = i + right + down;
-    }
+    for (int q = 0; q < 4; ++q)
+      at[0][q] = sweep_.corner[q][pairs[p].first], at[1][q] = sweep_.corner[q][pairs[p].second];
     for (unsigned found = bits_[p]; found; found &= found - 1) {
       const int k = __builtin_ctz(found);
       if (k < 4) {
@@ -106,7 +104,7 @@ void SelfContact<T>::search() {
   }
   vertices_.close(), edges_.close();
   since_ = 0;
-  self_stats.search += now_s() - t0, self_stats.searches++;
+  self_min[0]=std::min(self_min[0],now_s()-t5); self_stats.search += now_s() - t0, self_stats.searches++;
   self_stats.vt += vertices_.count, self_stats.ee += edges_.count;
   self_stats.blocks += sweep_.close_blocks.size(), self_stats.cells += pairs.size();
 }
@@ -245,5 +243,6 @@ template class SelfContact<double>;
 }  // namespace minicloth
 
 extern "C" __attribute__((visibility("default"))) minicloth::SelfStats* minicloth_stats() { return &minicloth::self_stats; }
+extern "C" __attribute__((visibility("default"))) double* minicloth_min() { return minicloth::self_min; }
 extern "C" __attribute__((visibility("default"))) long* minicloth_hist() { return minicloth::self_hist; }
 extern "C" __attribute__((visibility("default"))) double* minicloth_tune() { return minicloth::self_tune; }

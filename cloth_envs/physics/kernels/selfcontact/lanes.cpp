@@ -24,26 +24,6 @@ inline T greater(T a, T b) {
   return a > b ? a : b;
 }
 
-// Boxes of the cells of a row, and of the ways of their corners.
-template <class T>
-void row_of_cells(Sweep<T>& s, int r, int c0, int c1, int right, int down) {
-  const std::size_t first = std::size_t(r) * s.cols;
-  for (int k = 0; k < 3; ++k) {
-    const T *const x = s.now.data() + k * s.plane + first, *const y = s.then.data() + k * s.plane + first;
-    T *const a = s.cell.data() + k * s.plane + first, *const b = a + 3 * s.plane, *const d = a + 6 * s.plane,
-             *const e = a + 9 * s.plane, *const f = s.way.data() + k * s.plane + first, *const g = f + 3 * s.plane;
-#pragma GCC ivdep
-    for (int c = c0; c < c1; ++c) {
-      const T p = x[c], q = x[c + right], t = x[c + down], u = x[c + right + down];
-      const T p1 = y[c], q1 = y[c + right], t1 = y[c + down], u1 = y[c + right + down];
-      const T pw = p1 - p, qw = q1 - q, tw = t1 - t, uw = u1 - u;
-      a[c] = lesser(lesser(p, q), lesser(t, u)), b[c] = greater(greater(p, q), greater(t, u));
-      d[c] = lesser(lesser(p1, q1), lesser(t1, u1)), e[c] = greater(greater(p1, q1), greater(t1, u1));
-      f[c] = lesser(lesser(pw, qw), lesser(tw, uw)), g[c] = greater(greater(pw, qw), greater(tw, uw));
-    }
-  }
-}
-
 template <class T>
 void row_of_normals(Sweep<T>& s, int r, int c0, int c1, int right, T unit) {
   const std::size_t first = std::size_t(r) * s.cols;
@@ -89,44 +69,36 @@ void columns(const T* plane, int cols, int r0, int r1, bool low, T* to) {
   }
 }
 
-// Of cells, and of blocks by what `planes` hold of cells (lo and hi in turn, three each), to planes of blocks; the last
-// `less_rows` rows and `less_cols` columns of cells do not count.
+// Lowest (or highest) of a plane's `rows` x `cols` first numbers in every block, which is `more` rows and columns larger
+// than its cells, to a plane of blocks.
 template <class T>
-void to_blocks(const Sweep<T>& s, const Plane<T>& planes, int count, int less_rows, int less_cols, Plane<T>& to) {
+void to_blocks(const Sweep<T>& s, const T* plane, int rows, int cols, int more, bool low, T* out) {
   thread_local std::vector<T> line;
-  line.resize(s.cols);
-  const int rows = s.rows - less_rows, cols = s.cols - less_cols;
-  for (int k = 0; k < count; ++k) {
-    const bool low = k / 3 % 2 == 0;
-    T* const out = to.data() + std::size_t(k) * s.blocks;
-    std::fill_n(out, s.blocks, T(low ? kFar : -kFar));
-    for (int b = 0; b < s.block_rows; ++b) {
-      const int r0 = b * kSide, r1 = std::min(r0 + kSide, rows);
-      if (r1 <= r0) continue;
-      columns(planes.data() + k * s.plane, s.cols, r0, r1, low, line.data());
-      const int first = (b / kSide * s.group_cols) * kCells + b % kSide * kSide;
-      for (int a = 0; a < s.block_cols; ++a) {
-        const int c0 = a * kSide, c1 = std::min(c0 + kSide, cols);
-        T v = T(low ? kFar : -kFar);
-        for (int c = c0; c < c1; ++c) v = low ? lesser(v, line[c]) : greater(v, line[c]);
-        out[first + a / kSide * kCells + a % kSide] = v;
-      }
+  line.resize(s.cols + 1);
+  std::fill_n(out, s.blocks, T(low ? kFar : -kFar));
+  const int most = s.periodic && more ? cols + 1 : cols;
+  for (int b = 0; b < s.block_rows; ++b) {
+    const int r0 = b * kSide, r1 = std::min(r0 + kSide + more, rows);
+    if (r1 <= r0) continue;
+    columns(plane, s.cols, r0, r1, low, line.data());
+    line[s.cols] = line[0];
+    const int first = b / kSide * s.group_cols * kCells + b % kSide * kSide;
+    for (int a = 0; a < s.block_cols; ++a) {
+      const int c0 = a * kSide, c1 = std::min(c0 + kSide + more, most);
+      T v = T(low ? kFar : -kFar);
+      for (int c = c0; c < c1; ++c) v = low ? lesser(v, line[c]) : greater(v, line[c]);
+      out[first + a / kSide * kCells + a % kSide] = v;
     }
   }
 }
 
 template <class T>
 void boxes(Sweep<T>& s, T cell_area) {
-  const int cols = s.cols, last = cols - 1, wrap = s.periodic ? -last : 0;
-  for (int r = 0; r < s.rows; ++r) {
-    const int down = (s.below(r) - r) * cols;
-    row_of_cells(s, r, 0, last, 1, down), row_of_cells(s, r, last, cols, wrap, down);
-  }
+  const int cols = s.cols, last = cols - 1, across = s.periodic ? cols : last;
   const T unit = T(0.5) / cell_area;
-  const int across = s.periodic ? cols : last;
   for (int r = 0; r + 1 < s.rows; ++r) {
     row_of_normals(s, r, 0, last, 1, unit);
-    if (s.periodic) row_of_normals(s, r, last, cols, wrap, unit);
+    if (s.periodic) row_of_normals(s, r, last, cols, -last, unit);
   }
   std::fill(s.smooth.begin(), s.smooth.end(), T(1));
   for (int r = 0; r + 1 < s.rows; ++r) {
@@ -135,7 +107,12 @@ void boxes(Sweep<T>& s, T cell_area) {
     if (s.periodic) join(s, i, i + last, 1);
     if (r + 2 < s.rows) join(s, i, i + cols, across);
   }
-  to_blocks(s, s.cell, kBox, 0, 0, s.block), to_blocks(s, s.normal, 3, 1, cols - across, s.cone);
+  for (int k = 0; k < 6; ++k) {
+    T *const block = s.block.data() + k * s.blocks, *const cone = s.cone.data() + k * s.blocks;
+    to_blocks(s, s.now.data() + k % 3 * s.plane, s.rows, cols, 1, k < 3, block);
+    to_blocks(s, s.then.data() + k % 3 * s.plane, s.rows, cols, 1, k < 3, block + 6 * s.blocks);
+    to_blocks(s, s.normal.data() + k % 3 * s.plane, s.rows - 1, across, 0, k < 3, cone);
+  }
   for (int g = 0; g < s.groups; ++g)
     for (int k = 0; k < kBox; ++k) {
       const T* const from = s.block.data() + std::size_t(k) * s.blocks + g * kCells;
@@ -196,8 +173,8 @@ bool flat(const Sweep<T>& s, int a, int b) {
   const T *const x = s.normal.data(), *const y = x + s.plane, *const z = y + s.plane, least = T(kFlat) * length;
   const int across = s.periodic ? s.cols : s.cols - 1;
   for (const int block : {a, b}) {
-    const int first = s.at[block], rows = std::min(kSide, s.rows - 1 - first / s.cols);
-    const int cols = std::min(kSide, across - first % s.cols);
+    const int first = s.at[block], rows = std::min(kSide, s.rows - 1 - s.row[first]);
+    const int cols = std::min(kSide, across - s.col[first]);
     for (int r = 0; r < rows; ++r)
       for (int c = 0; c < cols; ++c) {
         const int i = first + r * s.cols + c;
@@ -210,8 +187,8 @@ bool flat(const Sweep<T>& s, int a, int b) {
 // Whether two cells or blocks that start at cells i and j lie at most `apart` cells from each other in the grid.
 template <class T>
 inline bool beside(const Sweep<T>& s, int i, int j, int apart) {
-  const int dr = std::abs(i / s.cols - j / s.cols);
-  int dc = std::abs(i % s.cols - j % s.cols);
+  const int dr = std::abs(s.row[i] - s.row[j]);
+  int dc = std::abs(s.col[i] - s.col[j]);
   if (s.periodic) dc = std::min(dc, s.cols - dc);
   return dr <= apart && dc <= apart;
 }
@@ -247,14 +224,25 @@ const T* slots(Sweep<T>& s, int block) {
   T* const to = s.slots.data() + std::size_t(block) * kBox * kCells;
   if (s.filled[block]) return to;
   s.filled[block] = 1;
-  const int first = s.at[block], rows = std::min(kSide, s.rows - first / s.cols);
-  const int cols = std::min(kSide, s.cols - first % s.cols);
-  for (int k = 0; k < kBox; ++k)
-    for (int r = 0; r < kSide; ++r) {
-      T* const out = to + k * kCells + r * kSide;
-      std::copy_n(s.cell.data() + k * s.plane + first + std::min(r, rows - 1) * s.cols, kSide, out);
-      for (int c = r < rows ? cols : 0; c < kSide; ++c) out[c] = T(k / 3 % 2 ? -kFar : kFar);
+  const int first = s.at[block], rows = std::min(kSide, s.rows - s.row[first]);
+  const int cols = std::min(kSide, s.cols - s.col[first]);
+  for (int r = 0; r < kSide; ++r) {
+    const int cell = first + std::min(r, rows - 1) * s.cols, right = s.corner[1][cell + cols - 1] - (cell + cols - 1);
+    const int down = s.corner[2][cell] - cell;
+    for (int k = 0; k < 6; ++k) {
+      const T* const x = (k < 3 ? s.now : s.then).data() + k % 3 * s.plane + cell;
+      T *const lo = to + (k + k / 3 * 3) * kCells + r * kSide, *const hi = lo + 3 * kCells;
+      T a[kSide + 1], b[kSide + 1];
+      for (int c = 0; c < kSide; ++c) {
+        const T p = x[c], q = x[c + down];
+        a[c] = lesser(p, q), b[c] = greater(p, q);
+      }
+      const T p = x[cols - 1 + right], q = x[cols - 1 + right + down];
+      a[cols] = lesser(p, q), b[cols] = greater(p, q);
+      for (int c = 0; c < kSide; ++c) lo[c] = lesser(a[c], a[c + 1]), hi[c] = greater(b[c], b[c + 1]);
+      for (int c = r < rows ? cols : 0; c < kSide; ++c) lo[c] = T(kFar), hi[c] = T(-kFar);
     }
+  }
   return to;
 }
 
@@ -310,9 +298,8 @@ void parts(const Sweep<T>& s, const std::pair<int, int>* pairs, int count, T ver
     for (int l = 0; l < n; ++l) {
       const auto& pair = pairs[std::min(first + l, count - 1)];
       for (int half = 0; half < 2; ++half) {
-        const int i = half ? pair.second : pair.first, r = i / s.cols, c = i - r * s.cols;
-        const int right = s.right(c) - c, down = (s.below(r) - r) * s.cols;
-        at[half][0][l] = i, at[half][1][l] = i + right, at[half][2][l] = i + down, at[half][3][l] = i + right + down;
+        const int i = half ? pair.second : pair.first;
+        for (int q = 0; q < 4; ++q) at[half][q][l] = s.corner[q][i];
       }
     }
     V3<T> p[2][4];
@@ -324,9 +311,16 @@ void parts(const Sweep<T>& s, const std::pair<int, int>* pairs, int count, T ver
       }
     V<T> going = {};  // how far they can go towards each other
     for (int k = 0; k < 3; ++k) {
-      const T *const lo = s.way.data() + k * s.plane, *const hi = lo + 3 * s.plane;
-      const V<T> u = gather<T>(hi, at[0][0]) - gather<T>(lo, at[1][0]);
-      const V<T> v = gather<T>(hi, at[1][0]) - gather<T>(lo, at[0][0]), most = u > v ? u : v;
+      const T* const then = s.then.data() + k * s.plane;
+      V<T> lo[2], hi[2];
+      for (int half = 0; half < 2; ++half)
+        for (int q = 0; q < 4; ++q) {
+          const V3<T>& x = p[half][q];
+          const V<T> way = gather<T>(then, at[half][q]) - (k == 0 ? x.x : k == 1 ? x.y : x.z);
+          if (q == 0) lo[half] = hi[half] = way;
+          lo[half] = way < lo[half] ? way : lo[half], hi[half] = way > hi[half] ? way : hi[half];
+        }
+      const V<T> u = hi[0] - lo[1], v = hi[1] - lo[0], most = u > v ? u : v;
       going += most * most;
     }
     going = going * rsqrt(going + tiny<T>);

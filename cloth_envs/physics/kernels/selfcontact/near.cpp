@@ -14,7 +14,15 @@ void Sweep<T>::shape(int rows_, int cols_, bool periodic_) {
   groups = group_rows * group_cols, blocks = groups * kCells;
   plane = padded(rows * cols + 2 * kBlock);
   for (auto* planes : {&now, &then, &normal}) planes->assign(3 * plane, T(0));
-  smooth.assign(plane, T(0)), cell.assign(kBox * plane, T(0)), way.assign(6 * plane, T(0));
+  smooth.assign(plane, T(0));
+  row.clear(), col.clear();
+  for (auto& c : corner) c.clear();
+  for (int i = 0; i < rows * cols; ++i) {
+    row.push_back(std::int16_t(i / cols)), col.push_back(std::int16_t(i % cols));
+    const int right = col[i] + 1 < cols ? 1 : periodic ? 1 - cols : 0, down = row[i] + 1 < rows ? cols : 0;
+    corner[0].push_back(i), corner[1].push_back(i + right);
+    corner[2].push_back(i + down), corner[3].push_back(i + right + down);
+  }
   slots.assign(std::size_t(kBox) * kCells * blocks, T(0)), filled.assign(blocks, 0);
   block.assign(kBox * blocks, T(0)), cone.assign(6 * blocks, T(0)), group.assign(kBox * groups, T(0));
   at.assign(blocks, -1);

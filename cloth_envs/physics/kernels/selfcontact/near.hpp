@@ -27,17 +27,16 @@ struct Sweep {
   std::size_t plane;          // numbers in a plane of vertices or cells, some to spare behind
   Plane<T> now, then;         // vertices, 3 planes each
   Plane<T> normal, smooth;    // of cells over their rest area, 3 planes; least cosine between it and a neighbour's
-  Plane<T> cell, way;         // kBox planes of cells; 6 of the box of ways that their corners go
-  Plane<T> slots;             // kBox rows of kCells for every block; where wanted, see filled
+  Plane<T> slots;             // kBox rows of kCells, cells' boxes, for every block; where wanted, see filled
   Plane<T> block, cone;       // kBox planes of blocks; 6 of the box of a block's normals
   Plane<T> group;             // kBox numbers of every group
   std::vector<int> at;        // of every block its first cell, -1 where the sheet has none
+  std::vector<int> corner[4]; // vertices of every cell: upper left, upper right, lower left, lower right
+  std::vector<std::int16_t> row, col;  // of every cell
   std::vector<char> filled;
   std::vector<std::pair<int, int>> close_blocks, close_cells;
 
   void shape(int rows, int cols, bool periodic);
-  int right(int c) const { return c + 1 < cols ? c + 1 : periodic ? 0 : c; }
-  int below(int r) const { return r + 1 < rows ? r + 1 : r; }
 };
 
 template <class T>
