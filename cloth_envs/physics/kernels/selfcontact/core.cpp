@@ -8,7 +8,7 @@
 
 namespace minicloth {
 SelfStats self_stats;
-double self_tune[16] = {0.5, 2, 16, 0.5, 0.3, 0.5};
+double self_tune[16] = {0.5, 4, 32, 0.5, 0.3, 1};
 long self_hist[20]; double self_min[4];
 static double now_s() { timespec t; clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t); return t.tv_sec + 1e-9 * t.tv_nsec; }
 
@@ -18,26 +18,12 @@ namespace {
 #define kSearch int(self_tune[2])   // steps after which what may come close is searched for anew, at the latest
 #define kSkin T(self_tune[3])       // layers, how far a vertex may be from where it was going until then
 #define kPush T(self_tune[4])       // of what is missing, how much a step makes up for
-#define kAhead T(self_tune[5])      // layers, from how far approach is braked
+#define kAhead T(0)
+#define kHaste T(self_tune[5])      // m/s, what speeds may change by until a pair is looked at again
 
 constexpr int kPart[3] = {1, 2, 3};  // ends of the edges of a cell: right, below, diagonal
 
 }  // namespace
-
-template <class T>
-void SelfContact<T>::Parts::clear() {
-  for (auto& v : at) v.resize(count = 0);
-}
-template <class T>
-void SelfContact<T>::Parts::add(int a, int b, int c, int d) {
-  if (count == int(at[0].size()))
-    for (auto& v : at) v.resize(2 * count + 64);
-  at[0][count] = a, at[1][count] = b, at[2][count] = c, at[3][count] = d, ++count;
-}
-template <class T>
-void SelfContact<T>::Parts::close() {
-  for (auto& v : at) v.resize(padded(count), count ? v[count - 1] : 0);
-}
 
 template <class T>
 void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<T>& f, int member, double h,
@@ -55,7 +41,19 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
   for (int i : firm) mobility_[i] = 0;
   self_stats.frames++;
   search();
-  for (int k=0;k<int(self_tune[15]);++k) { search(); double t0=now_s(); int n0=last_; resolve(vertices_,false,layer_,1); double t1=now_s(); resolve(edges_,true,kEdges*layer_,1); double t2=now_s(); self_min[1]=std::min(self_min[1],t1-t0); self_min[2]=std::min(self_min[2],t2-t1); t0=now_s(); strayed(); self_min[3]=std::min(self_min[3],now_s()-t0);}
+  for (int k = 0; k < int(self_tune[15]); ++k) {
+    search();
+    double t0 = now_s();
+    strayed(); self_min[3] = std::min(self_min[3], now_s() - t0);
+    for (int e = 0; e < 2; ++e) {
+      auto& all = due_[e][now_];
+      wait_.resize(all.size());
+      const Looking<T> how = {e ? kEdges * layer_ : layer_, (e ? kEdges * layer_ : layer_) / 2, kHaste, h_};
+      t0 = now_s();
+      lanes<NearLanes<T>>().look(f_.x, f_.v, s.width, reinterpret_cast<const int(*)[4]>(parts_.data()), all.data(), int(all.size()), e, how, wait_.data());
+      self_min[1 + e] = std::min(self_min[1 + e], now_s() - t0);
+    }
+  }
 }
 
 template <class T>
@@ -79,33 +77,46 @@ void SelfContact<T>::search() {
   const auto& pairs = sweep_.close_cells;
   bits_.resize(pairs.size());
   near.parts(sweep_, pairs.data(), int(pairs.size()), layer_ + skin, kEdges * layer_ + skin, bits_.data());
-  double t5=now_s(); self_tune[14]=std::min(self_tune[14],t5-t4); vertices_.clear(), edges_.clear();
-  vertices_.clear(), edges_.clear();
-  for (std::size_t p = 0; p < pairs.size(); ++p) {
-    if (!bits_[p]) continue;
-    int at[2][4];
-    for (int q = 0; q < 4; ++q)
-      at[0][q] = sweep_.corner[q][pairs[p].first], at[1][q] = sweep_.corner[q][pairs[p].second];
-    for (unsigned found = bits_[p]; found; found &= found - 1) {
-      const int k = __builtin_ctz(found);
-      if (k < 4) {
-        const int* const t = at[1 - k / 2];
-        const int v = at[k / 2][0], b = k % 2 ? t[3] : t[2], c = k % 2 ? t[1] : t[3];
-        if (t[0] == t[1] || t[0] == t[2] || v == t[0] || v == b || v == c) continue;
-        vertices_.add(v, t[0], b, c);
-      } else {
-        const int e = kPart[(k - 4) / 3], g = kPart[(k - 4) % 3];
-        const int a = at[0][0], b = at[0][e], c = at[1][0], d = at[1][g];
-        const auto none = [&](const int* q, int m) { return m == 3 ? q[0] == q[1] || q[0] == q[2] : q[0] == q[m]; };
-        if (none(at[0], e) || none(at[1], g) || a == c || a == d || b == c || b == d) continue;
-        edges_.add(a, b, c, d);
+  double t5=now_s(); self_tune[14]=std::min(self_tune[14],t5-t4); parts_.clear(), vertices_.clear();
+  for (auto& kind : due_)
+    for (auto& due : kind) due.clear();
+  parts_.clear(), vertices_.clear();
+  for (auto& kind : due_)
+    for (auto& due : kind) due.clear();
+  for (const bool edges : {false, true}) {
+    const unsigned wanted = edges ? 0x1ff0u : 0xfu;
+    for (std::size_t p = 0; p < pairs.size(); ++p) {
+      if (!(bits_[p] & wanted)) continue;
+      int at[2][4];
+      for (int q = 0; q < 4; ++q)
+        at[0][q] = sweep_.corner[q][pairs[p].first], at[1][q] = sweep_.corner[q][pairs[p].second];
+      const auto add = [&](int a, int b, int c, int d) {
+        vertices_.push_back({a, b, c, d});
+        const auto& to = s.places;
+        parts_.push_back({to[a] + member_, to[b] + member_, to[c] + member_, to[d] + member_});
+      };
+      for (unsigned found = bits_[p] & wanted; found; found &= found - 1) {
+        const int k = __builtin_ctz(found);
+        if (k < 4) {
+          const int* const t = at[1 - k / 2];
+          const int v = at[k / 2][0], b = k % 2 ? t[3] : t[2], c = k % 2 ? t[1] : t[3];
+          if (t[0] == t[1] || t[0] == t[2] || v == t[0] || v == b || v == c) continue;
+          add(v, t[0], b, c);
+        } else {
+          const int e = kPart[(k - 4) / 3], g = kPart[(k - 4) % 3];
+          const int a = at[0][0], b = at[0][e], c = at[1][0], d = at[1][g];
+          const auto none = [&](const int* q, int m) { return m == 3 ? q[0] == q[1] || q[0] == q[2] : q[0] == q[m]; };
+          if (none(at[0], e) || none(at[1], g) || a == c || a == d || b == c || b == d) continue;
+          add(a, b, c, d);
+        }
       }
     }
+    if (!edges) edges_ = int(parts_.size());
   }
-  vertices_.close(), edges_.close();
+  for (int i = 0; i < int(parts_.size()); ++i) due_[i >= edges_][now_].push_back(i);
   since_ = 0;
   self_min[0]=std::min(self_min[0],now_s()-t5); self_stats.search += now_s() - t0, self_stats.searches++;
-  self_stats.vt += vertices_.count, self_stats.ee += edges_.count;
+  self_stats.vt += edges_, self_stats.ee += parts_.size() - edges_;
   self_stats.blocks += sweep_.close_blocks.size(), self_stats.cells += pairs.size();
 }
 
@@ -122,15 +133,35 @@ bool SelfContact<T>::strayed() const {
 
 template <class T>
 void SelfContact<T>::step() {
-  ++since_, ++last_;
-  if (last_ < kEvery) return;
+  ++since_, now_ = (now_ + 1) % (kMostSteps + 1);
   double t0 = now_s();
-  if (since_ >= kSearch || strayed()) self_stats.drift += now_s() - t0, search();
-  else self_stats.drift += now_s() - t0;
+  const bool again = since_ >= kSearch || (since_ % kEvery == 0 && strayed());
+  self_stats.drift += now_s() - t0;
+  if (again) search();
   t0 = now_s();
-  resolve(vertices_, false, layer_, last_), resolve(edges_, true, kEdges * layer_, last_);
+  for (const bool edges : {false, true}) look(edges, due_[edges][now_]);
   self_stats.resolve += now_s() - t0, self_stats.checks++;
-  last_ = 0;
+}
+
+template <class T>
+void SelfContact<T>::look(bool edges, const std::vector<int>& which) {
+  const int count = int(which.size());
+  if (!count) return;
+  self_stats.hits += count;
+  wait_.resize(count);
+  const T reach = edges ? kEdges * layer_ : layer_;
+  const Looking<T> how = {reach, reach / 2, kHaste, h_};
+  const auto* parts = reinterpret_cast<const int(*)[4]>(parts_.data());
+  lanes<NearLanes<T>>().look(f_.x, f_.v, strips_->width, parts, which.data(), count, edges, how, wait_.data());
+  acts_.clear();
+  for (int i = 0; i < count; ++i) {
+    const int steps = wait_[i] & (kAct - 1);
+    if (wait_[i] & kAct) acts_.push_back({which[i], steps});
+    due_[edges][(now_ + steps) % (kMostSteps + 1)].push_back(which[i]);
+  }
+  std::sort(acts_.begin(), acts_.end());
+  for (const auto& [part, steps] : acts_) resolve(part, edges, steps);
+  due_[edges][now_].clear();
 }
 
 namespace {
@@ -177,28 +208,14 @@ void nearest_on_edges(const Vec<T>& p, const Vec<T>& d, const Vec<T>& q, const V
 }  // namespace
 
 template <class T>
-void SelfContact<T>::resolve(const Parts& parts, bool edges, T reach, int steps) {
-  if (!parts.count) return;
+void SelfContact<T>::resolve(int part, bool edges, int steps) {
   const int width = strips_->width;
-  found_.resize(parts.count);
-  thread_local std::vector<int> elements[4];
-  const int* at[4];
-  for (int q = 0; q < 4; ++q) {
-    elements[q].resize(parts.at[q].size());
-    for (std::size_t i = 0; i < elements[q].size(); ++i) elements[q][i] = strips_->places[parts.at[q][i]] + member_;
-    at[q] = elements[q].data();
-  }
-  const T ahead = kAhead * layer_, time = h_ * T(steps);
-  const int hits = lanes<NearLanes<T>>().touching(f_.x, width, at, parts.count, edges, T(1.0001) * (reach + ahead),
-                                                  found_.data());
-  self_stats.hits += hits;
-  for (int m = 0; m < hits; ++m) {
+  const T reach = edges ? kEdges * layer_ : layer_, time = h_ * T(steps);
+  const auto &place = parts_[part], &vertex = vertices_[part];
     Vec<T> x[4], v[4];
     T weight[4], mobility[4];
-    int place[4];
     for (int q = 0; q < 4; ++q) {
-      place[q] = at[q][found_[m]];
-      mobility[q] = mobility_[parts.at[q][found_[m]]];
+      mobility[q] = mobility_[vertex[q]];
       const T *const px = f_.x + place[q], *const pv = f_.v + place[q];
       x[q] = {px[0], px[width], px[2 * width]}, v[q] = {pv[0], pv[width], pv[2 * width]};
     }
@@ -216,11 +233,11 @@ void SelfContact<T>::resolve(const Parts& parts, bool edges, T reach, int steps)
     for (int q = 0; q < 4; ++q)
       d = d + weight[q] * x[q], u = u + weight[q] * v[q], give += weight[q] * weight[q] * mobility[q];
     const T apart2 = dot(d, d);
-    if (!(apart2 < (reach + ahead) * (reach + ahead)) || !(apart2 > T(1e-14)) || !(give > 0)) continue;
+    if (!(apart2 > T(1e-14)) || !(give > 0)) return;
     const T apart = std::sqrt(apart2), gap = apart - reach;
     const Vec<T> n = d / apart;
     const T un = dot(u, n), least = gap > 0 ? -gap / time : T(0);
-    if (un >= least && gap >= 0) continue;
+    if (un >= least && gap >= 0) return;
     const T stop = un < least ? least - un : T(0), push = gap < 0 ? -kPush * gap : T(0);
     const Vec<T> slide = u - un * n;
     const T sliding = std::sqrt(dot(slide, slide)), hold = sliding > 0 ? std::min(friction_ * stop / sliding, T(1)) : T(0);
@@ -234,7 +251,6 @@ void SelfContact<T>::resolve(const Parts& parts, bool edges, T reach, int steps)
       py[0] = x[q].x + damping_ * v[q].x, py[width] = x[q].y + damping_ * v[q].y;
       py[2 * width] = x[q].z + damping_ * v[q].z;
     }
-  }
 }
 
 template class SelfContact<float>;

@@ -1,5 +1,6 @@
 // Contact of a cloth with itself, in substeps of the explicit solver.
 #pragma once
+#include <array>
 #include <vector>
 
 #include "../explicit/core.hpp"
@@ -20,28 +21,27 @@ class SelfContact {
   void step();
 
  private:
-  struct Parts {  // elements of a field: a vertex and a triangle, or two edges
-    std::vector<int> at[4];
-    int count = 0;
-    void clear();
-    void add(int a, int b, int c, int d);
-    void close();  // with whole vectors behind
-  };
   bool strayed() const;
   void search();
-  void resolve(const Parts& parts, bool edges, T reach, int steps);
+  void look(bool edges, const std::vector<int>& which);
+  void resolve(int part, bool edges, int steps);
 
   Sweep<T> sweep_;
-  Parts vertices_, edges_;
+  // Vertices and triangles, then from edges_ on edges: elements of a field, and vertices.
+  std::vector<std::array<int, 4>> parts_, vertices_;
+  int edges_ = 0;
+  std::vector<int> due_[2][kMostSteps + 1];  // parts of both kinds to look at in so many steps, as a ring
+  std::vector<std::pair<int, int>> acts_;
+  int now_ = 0;
   const Strips<T>* strips_ = nullptr;
   Fields<T> f_;
-  int member_ = 0, since_ = 0, last_ = 0;  // steps since the last search, since contact was last resolved
+  int member_ = 0, since_ = 0;  // steps since the last search
   T layer_ = 0, friction_ = 0, h_ = 0, damping_ = 0;
   double cell_area_ = 1;
   Plane<T> x0_, v0_;          // fields at the last search
   std::vector<T> mobility_;   // of elements: 1 / area, 0 where firmly held
   std::vector<std::uint16_t> bits_;
-  std::vector<int> found_;
+  std::vector<std::uint8_t> wait_;
 };
 
 struct SelfStats { double search = 0, resolve = 0, drift = 0; long searches = 0, checks = 0, frames = 0, vt = 0, ee = 0, hits = 0, blocks = 0, cells = 0, moved = 0; };

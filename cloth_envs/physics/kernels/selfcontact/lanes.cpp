@@ -327,40 +327,54 @@ void parts(const Sweep<T>& s, const std::pair<int, int>* pairs, int count, T ver
     const V<T> vertex = going + vertex_reach, edge = going + edge_reach;
     const V<T> vertex2 = vertex * vertex, edge2 = edge * edge;
     V<T> mask = {};
-    const auto note = [&](const V<T>& d2, const V<T>& limit, int bit) {
-      mask += d2 < limit ? V<T>{} + T(1 << bit) : V<T>{};
+    const auto note = [&](const V3<T>& d, const V<T>& limit, int bit) {
+      mask += dot(d, d) < limit ? V<T>{} + T(1 << bit) : V<T>{};
     };
     for (int half = 0; half < 2; ++half) {
       const V3<T>& v = p[half][0];
       const V3<T>(&t)[4] = p[1 - half];
-      note(to_triangle<T>(v, t[0], t[2], t[3]), vertex2, 2 * half);
-      note(to_triangle<T>(v, t[0], t[3], t[1]), vertex2, 2 * half + 1);
+      for (int k = 0; k < 2; ++k) {
+        const V3<T>&b = t[k ? 3 : 2], &c = t[k ? 1 : 3];
+        note(apart(of_triangle<T>(v, t[0], b, c), v, t[0], b, c), vertex2, 2 * half + k);
+      }
     }
     for (int a = 0; a < 3; ++a)
-      for (int b = 0; b < 3; ++b)
-        note(of_edges<T>(p[0][0], p[0][a + 1] - p[0][0], p[1][0], p[1][b + 1] - p[1][0]), edge2, 4 + 3 * a + b);
+      for (int b = 0; b < 3; ++b) {
+        const V3<T>(&i)[4] = p[0], (&j)[4] = p[1];
+        const Nearest<T> near = of_edges<T>(i[0], i[a + 1], j[0], j[b + 1]);
+        note(apart(near, i[0], i[a + 1], j[0], j[b + 1]), edge2, 4 + 3 * a + b);
+      }
     for (int l = 0; l < n && first + l < count; ++l) found[first + l] = std::uint16_t(mask[l]);
   }
 }
 
 template <class T>
-int touching(const T* x, int width, const int* const (&at)[4], int count, bool edges, T reach, int* found) {
+void look(const T* x, const T* v, int width, const int (*parts)[4], const int* which, int count, bool edges,
+          const Looking<T>& how, std::uint8_t* wait) {
   constexpr int n = kLanes<T>;
-  const T limit = reach * reach;
-  int hits = 0;
+  const V<T> none = {}, one = none + T(1), most = none + T(kMostSteps);
+  const T rate = 1 / how.h;
   for (int first = 0; first < count; first += n) {
-    V3<T> p[4];
-    for (int q = 0; q < 4; ++q)
-      p[q] = {gather<T>(x, at[q] + first), gather<T>(x + width, at[q] + first), gather<T>(x + 2 * width, at[q] + first)};
-    const V<T> d2 = edges ? of_edges<T>(p[0], p[1] - p[0], p[2], p[3] - p[2]) : to_triangle<T>(p[0], p[1], p[2], p[3]);
-    const auto near = d2 < V<T>{} + limit;
-    if (!any<T>(near)) continue;
-    for (unsigned some = bits<T>(near); some; some &= some - 1) {
-      const int i = first + __builtin_ctz(some);
-      if (i < count) found[hits++] = i;
+    alignas(64) int at[4][n];
+    for (int l = 0; l < n; ++l) {
+      const int(&part)[4] = parts[which[std::min(first + l, count - 1)]];
+      for (int q = 0; q < 4; ++q) at[q][l] = part[q];
     }
+    V3<T> p[4], w[4];
+    for (int q = 0; q < 4; ++q) {
+      p[q] = {gather<T>(x, at[q]), gather<T>(x + width, at[q]), gather<T>(x + 2 * width, at[q])};
+      w[q] = {gather<T>(v, at[q]), gather<T>(v + width, at[q]), gather<T>(v + 2 * width, at[q])};
+    }
+    const Nearest<T> near = edges ? of_edges<T>(p[0], p[1], p[2], p[3]) : of_triangle<T>(p[0], p[1], p[2], p[3]);
+    const V3<T> d = apart(near, p[0], p[1], p[2], p[3]), u = apart(near, w[0], w[1], w[2], w[3]);
+    const V<T> d2 = dot(d, d) + tiny<T>, inverse = rsqrt(d2), far = d2 * inverse, un = inverse * dot(u, d);
+    const V<T> closing = un < none ? -un : none, room = far - how.danger;
+    V<T> steps = (rate * room) / (closing + how.haste);
+    steps = steps < one ? one : (steps > most ? most : steps);
+    const V<T> gap = far - how.reach;
+    const auto act = gap < closing * (how.h * steps);
+    for (int l = 0; l < n && first + l < count; ++l) wait[first + l] = std::uint8_t(int(steps[l]) | (act[l] ? kAct : 0));
   }
-  return hits;
 }
 
 template <class T>
@@ -380,7 +394,7 @@ void drift(const T* x, const T* x0, const T* v0, std::ptrdiff_t size, const T* s
 }
 
 template <class T>
-const NearLanes<T> instance = {boxes<T>, blocks<T>, cells<T>, parts<T>, touching<T>, drift<T>};
+const NearLanes<T> instance = {boxes<T>, blocks<T>, cells<T>, parts<T>, look<T>, drift<T>};
 
 }  // namespace
 }  // namespace LANES

@@ -39,6 +39,13 @@ struct Sweep {
   void shape(int rows, int cols, bool periodic);
 };
 
+constexpr int kMostSteps = 16, kAct = 128;
+
+template <class T>
+struct Looking {
+  T reach, danger, haste, h;  // m, m, m/s, s
+};
+
 template <class T>
 struct NearLanes {
   void (*boxes)(Sweep<T>&, T cell_area);
@@ -48,8 +55,10 @@ struct NearLanes {
   // 0, 1: vertex of the first, lower and upper triangle of the second; 2, 3: the other way round; 4 + 3 a + b: edges.
   void (*parts)(const Sweep<T>&, const std::pair<int, int>* pairs, int count, T vertex_reach, T edge_reach,
                 std::uint16_t* found);
-  // Which of `count` quadruples of elements of a field, vertex and triangle or two edges, lie nearer than reach.
-  int (*touching)(const T* x, int width, const int* const (&at)[4], int count, bool edges, T reach, int* found);
+  // Of `count` pairs of parts, numbers in `parts`: in how many steps to look at each again (see look in core.hpp), and
+  // with kAct added if it has to be resolved now.
+  void (*look)(const T* x, const T* v, int width, const int (*parts)[4], const int* which, int count, bool edges,
+               const Looking<T>&, std::uint8_t* wait);
   // The largest square of how far the vertices of every lane are from x0 + since * v0.
   void (*drift)(const T* x, const T* x0, const T* v0, std::ptrdiff_t size, const T* since, T* most);
 };
