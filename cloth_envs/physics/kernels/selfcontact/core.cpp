@@ -124,7 +124,9 @@ template <class T>
 bool SelfContact<T>::strayed() const {
   alignas(64) T since[64 / sizeof(T)], most[64 / sizeof(T)];
   std::fill_n(since, strips_->width, T(since_ * h_));
-  lanes<NearLanes<T>>().drift(f_.x, x0_.data(), v0_.data(), strips_->field, since, most);
+  const auto first = strips_->at(0, 0);
+  lanes<NearLanes<T>>().drift(f_.x + first, x0_.data() + first, v0_.data() + first, strips_->rows, strips_->cols,
+                              strips_->stride, since, most);
   T worst = most[member_];
   if (strips_->banded) worst = *std::max_element(most, most + strips_->width);
   const T limit = kSkin * layer_;
@@ -133,13 +135,14 @@ bool SelfContact<T>::strayed() const {
 
 template <class T>
 void SelfContact<T>::step() {
-  ++since_, now_ = (now_ + 1) % (kMostSteps + 1);
+  ++since_;
   double t0 = now_s();
   const bool again = since_ >= kSearch || (since_ % kEvery == 0 && strayed());
   self_stats.drift += now_s() - t0;
   if (again) search();
   t0 = now_s();
   for (const bool edges : {false, true}) look(edges, due_[edges][now_]);
+  now_ = (now_ + 1) % (kMostSteps + 1);
   self_stats.resolve += now_s() - t0, self_stats.checks++;
 }
 

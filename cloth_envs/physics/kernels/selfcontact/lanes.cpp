@@ -12,7 +12,7 @@ namespace {
 constexpr double kFar = 1e9;     // m
 constexpr double kFlat = 0.35;   // least part of the rest area that cells of flat blocks have along a common normal
 constexpr double kSmall = 0.3;   // of the rest area, of cells whose normals tell little
-constexpr double kFold = -0.1;   // least cosine between neighbours' normals where cells up to kApart apart do not meet
+constexpr double kFold = 0.2;    // least cosine between neighbours' normals where cells up to kApart apart do not meet
 constexpr int kApart = 2;
 
 template <class T>
@@ -46,9 +46,8 @@ void join(Sweep<T>& s, std::size_t i, std::size_t j, int count) {
   const auto cosine = [&](std::size_t a, std::size_t b) __attribute__((always_inline)) {
     const T d = x[a] * x[b] + (y[a] * y[b] + z[a] * z[b]);
     const T m = x[a] * x[a] + (y[a] * y[a] + z[a] * z[a]), n = x[b] * x[b] + (y[b] * y[b] + z[b] * z[b]);
-    // d / sqrt(m n) > kFold, without the root: a number that is at least kFold where that holds
-    const T small = T(kSmall * kSmall), fold = T(kFold);
-    return (m > small && n > small && (d > T(0) || d * d < fold * fold * m * n)) ? T(1) : T(-1);
+    const T small = T(kSmall * kSmall), fold = T(kFold * kFold);
+    return (m > small && n > small && d > T(0) && d * d > fold * m * n) ? T(1) : T(-1);
   };
 #pragma GCC ivdep
   for (int c = 0; c < count; ++c) smooth[i + c] = lesser(smooth[i + c], cosine(i + c, j + c));
@@ -378,18 +377,19 @@ void look(const T* x, const T* v, int width, const int (*parts)[4], const int* w
 }
 
 template <class T>
-void drift(const T* x, const T* x0, const T* v0, std::ptrdiff_t size, const T* since, T* most) {
+void drift(const T* x, const T* x0, const T* v0, int rows, int cols, std::ptrdiff_t stride, const T* since, T* most) {
   constexpr int n = kLanes<T>, q = 3 * n;
   const V<T> t = load(since);
   V<T> high = {};
-  for (std::ptrdiff_t i = 0; i < size; i += q) {
-    V<T> d2 = {};
-    for (int k = 0; k < q; k += n) {
-      const V<T> d = load(x + i + k) - (load(x0 + i + k) + t * load(v0 + i + k));
-      d2 += d * d;
+  for (int r = 0; r < rows; ++r, x += stride, x0 += stride, v0 += stride)
+    for (int i = 0; i < cols * q; i += q) {
+      V<T> d2 = {};
+      for (int k = 0; k < q; k += n) {
+        const V<T> d = load(x + i + k) - (load(x0 + i + k) + t * load(v0 + i + k));
+        d2 += d * d;
+      }
+      high = d2 > high ? d2 : high;
     }
-    high = d2 > high ? d2 : high;
-  }
   store<T>(most, high);
 }
 

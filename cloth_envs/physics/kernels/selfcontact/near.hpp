@@ -60,7 +60,7 @@ struct NearLanes {
   void (*look)(const T* x, const T* v, int width, const int (*parts)[4], const int* which, int count, bool edges,
                const Looking<T>&, std::uint8_t* wait);
   // The largest square of how far the vertices of every lane are from x0 + since * v0.
-  void (*drift)(const T* x, const T* x0, const T* v0, std::ptrdiff_t size, const T* since, T* most);
+  void (*drift)(const T* x, const T* x0, const T* v0, int rows, int cols, std::ptrdiff_t stride, const T* since, T* most);
 };
 DECLARE_LANES(NearLanes<float>)
 DECLARE_LANES(NearLanes<double>)
