@@ -21,6 +21,7 @@ namespace {
 #define kAhead T(0)
 #define kHaste T(self_tune[5])      // m/s, what speeds may change by until a pair is looked at again
 
+constexpr int kVertexParts[] = {0, 1, 2, 3}, kEdgeParts[] = {4, 5, 6, 7, 8, 9, 10, 11, 12};
 constexpr int kPart[3] = {1, 2, 3};  // ends of the edges of a cell: right, below, diagonal
 
 }  // namespace
@@ -70,13 +71,15 @@ void SelfContact<T>::search() {
     for (int i = 0; i < n; ++i) now[i] = x[s.places[i]], then[i] = now[i] + time * v[s.places[i]];
   }
   double t1=now_s(); self_tune[10]=std::min(self_tune[10],t1-t0);
-  const T skin = 2 * kSkin * layer_ + kAhead * layer_;
+  const T skin = 2 * kSkin * layer_;
   near.boxes(sweep_, T(cell_area_)); double t2=now_s(); self_tune[11]=std::min(self_tune[11],t2-t1);
   near.blocks(sweep_, layer_ + skin); double t3=now_s(); self_tune[12]=std::min(self_tune[12],t3-t2);
   near.cells(sweep_, layer_ + skin); double t4=now_s(); self_tune[13]=std::min(self_tune[13],t4-t3);
   const auto& pairs = sweep_.close_cells;
-  bits_.resize(pairs.size());
-  near.parts(sweep_, pairs.data(), int(pairs.size()), layer_ + skin, kEdges * layer_ + skin, bits_.data());
+  first_.resize(pairs.size());
+  const Looking<T> of[2] = {{layer_, layer_ / 2, kHaste, h_}, {kEdges * layer_, kEdges * layer_ / 2, kHaste, h_}};
+  near.parts(sweep_, pairs.data(), int(pairs.size()), of[0], of[1], skin, time,
+             reinterpret_cast<std::uint8_t(*)[kParts]>(first_.data()));
   double t5=now_s(); self_tune[14]=std::min(self_tune[14],t5-t4); parts_.clear(), vertices_.clear();
   for (auto& kind : due_)
     for (auto& due : kind) due.clear();
@@ -84,36 +87,34 @@ void SelfContact<T>::search() {
   for (auto& kind : due_)
     for (auto& due : kind) due.clear();
   for (const bool edges : {false, true}) {
-    const unsigned wanted = edges ? 0x1ff0u : 0xfu;
     for (std::size_t p = 0; p < pairs.size(); ++p) {
-      if (!(bits_[p] & wanted)) continue;
+      const int *const from = edges ? kEdgeParts : kVertexParts, *const end = from + (edges ? 9 : 4);
+      if (!first_[p][edges ? 15 : 14]) continue;
       int at[2][4];
       for (int q = 0; q < 4; ++q)
         at[0][q] = sweep_.corner[q][pairs[p].first], at[1][q] = sweep_.corner[q][pairs[p].second];
-      const auto add = [&](int a, int b, int c, int d) {
+      for (const int* part = from; part < end; ++part) {
+        const int k = *part, wait = first_[p][k];
+        if (!wait) continue;
+        int a, b, c, d;
+        if (k < 4) {
+          const int* const t = at[1 - k / 2];
+          a = at[k / 2][0], b = t[0], c = k % 2 ? t[3] : t[2], d = k % 2 ? t[1] : t[3];
+          if (t[0] == t[1] || t[0] == t[2] || a == b || a == c || a == d) continue;
+        } else {
+          const int e = kPart[(k - 4) / 3], g = kPart[(k - 4) % 3];
+          a = at[0][0], b = at[0][e], c = at[1][0], d = at[1][g];
+          const auto none = [&](const int* q, int m) { return m == 3 ? q[0] == q[1] || q[0] == q[2] : q[0] == q[m]; };
+          if (none(at[0], e) || none(at[1], g) || a == c || a == d || b == c || b == d) continue;
+        }
+        due_[edges][(now_ + wait - 1) % (kMostSteps + 1)].push_back(int(parts_.size()));
         vertices_.push_back({a, b, c, d});
         const auto& to = s.places;
         parts_.push_back({to[a] + member_, to[b] + member_, to[c] + member_, to[d] + member_});
-      };
-      for (unsigned found = bits_[p] & wanted; found; found &= found - 1) {
-        const int k = __builtin_ctz(found);
-        if (k < 4) {
-          const int* const t = at[1 - k / 2];
-          const int v = at[k / 2][0], b = k % 2 ? t[3] : t[2], c = k % 2 ? t[1] : t[3];
-          if (t[0] == t[1] || t[0] == t[2] || v == t[0] || v == b || v == c) continue;
-          add(v, t[0], b, c);
-        } else {
-          const int e = kPart[(k - 4) / 3], g = kPart[(k - 4) % 3];
-          const int a = at[0][0], b = at[0][e], c = at[1][0], d = at[1][g];
-          const auto none = [&](const int* q, int m) { return m == 3 ? q[0] == q[1] || q[0] == q[2] : q[0] == q[m]; };
-          if (none(at[0], e) || none(at[1], g) || a == c || a == d || b == c || b == d) continue;
-          add(a, b, c, d);
-        }
       }
     }
     if (!edges) edges_ = int(parts_.size());
   }
-  for (int i = 0; i < int(parts_.size()); ++i) due_[i >= edges_][now_].push_back(i);
   since_ = 0;
   self_min[0]=std::min(self_min[0],now_s()-t5); self_stats.search += now_s() - t0, self_stats.searches++;
   self_stats.vt += edges_, self_stats.ee += parts_.size() - edges_;

@@ -40,7 +40,7 @@ class SelfContact {
   double cell_area_ = 1;
   Plane<T> x0_, v0_;          // fields at the last search
   std::vector<T> mobility_;   // of elements: 1 / area, 0 where firmly held
-  std::vector<std::uint16_t> bits_;
+  std::vector<std::array<std::uint8_t, kParts>> first_;
   std::vector<std::uint8_t> wait_;
 };
 

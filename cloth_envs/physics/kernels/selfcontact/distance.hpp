@@ -25,10 +25,11 @@ inline Nearest<T> of_triangle(const V3<T>& p, const V3<T>& a, const V3<T>& b, co
   const V<T> none = {}, one = none + T(1);
   const V3<T> e = b - a, f = c - a, g = c - b, q = p - a, n = cross(e, f);
   const V<T> ee = dot(e, e) + tiny<T>, ff = dot(f, f) + tiny<T>, gg = dot(g, g) + tiny<T>;
-  const V<T> qe = dot(q, e), qf = dot(q, f), over = T(1) / (dot(n, n) + tiny<T>);
+  const V<T> qe = dot(q, e), qf = dot(q, f), over = reciprocal(dot(n, n) + tiny<T>);
   const V<T> u = over * dot(cross(q, f), n), v = over * dot(cross(e, q), n);
   // Of each edge the nearest point, and how much the square of its distance is less than that of a corner.
-  const V<T> s0 = clamp01<T>(qe / ee), s1 = clamp01<T>(qf / ff), s2 = clamp01<T>(dot(p - b, g) / gg);
+  const V<T> s0 = clamp01<T>(qe * reciprocal(ee)), s1 = clamp01<T>(qf * reciprocal(ff));
+  const V<T> s2 = clamp01<T>(dot(p - b, g) * reciprocal(gg));
   const V3<T> d0 = q - s0 * e, d1 = q - s1 * f, d2 = (p - b) - s2 * g;
   const V<T> l0 = dot(d0, d0), l1 = dot(d1, d1), l2 = dot(d2, d2);
   const auto inside = (u >= none) & (v >= none) & (u + v <= one), first = (l0 <= l1) & (l0 <= l2), second = l1 <= l2;
@@ -42,8 +43,8 @@ template <class T>
 inline Nearest<T> of_edges(const V3<T>& p, const V3<T>& p1, const V3<T>& q, const V3<T>& q1) {
   const V3<T> d = p1 - p, e = q1 - q, r = p - q;
   const V<T> a = dot(d, d) + tiny<T>, b = dot(d, e), c = dot(d, r), g = dot(e, e) + tiny<T>, f = dot(e, r);
-  const V<T> s0 = clamp01<T>((b * f - c * g) / (a * g - b * b + T(1e-6) * a * g));
-  const V<T> t = clamp01<T>((b * s0 + f) / g), s = clamp01<T>((b * t - c) / a);
+  const V<T> s0 = clamp01<T>((b * f - c * g) * reciprocal(a * g - b * b + T(1e-6) * a * g));
+  const V<T> t = clamp01<T>((b * s0 + f) * reciprocal(g)), s = clamp01<T>((b * t - c) * reciprocal(a));
   return {{T(1) - s, s, t - T(1), -t}};
 }
 

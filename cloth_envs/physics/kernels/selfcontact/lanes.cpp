@@ -1,6 +1,7 @@
 // Compiled once per instruction set; LANES names the namespace.
 #include <algorithm>
 #include <cstdlib>
+#include <cstring>
 
 #include "distance.hpp"
 #include "near.hpp"
@@ -121,13 +122,41 @@ void boxes(Sweep<T>& s, T cell_area) {
     }
 }
 
-// Whether vectors of boxes, planes `stride` apart, come near the box a, which reach has grown.
+// A bit for every lane in which a < b.
 template <class T>
-inline auto meet(const T (&a)[kBox], const T* b, std::size_t stride) {
-  const auto get = [&](int k) { return load(b + k * stride); };
-  auto near = ((get(0) < a[3]) | (get(6) < a[9])) & ((get(3) > a[0]) | (get(9) > a[6]));
-  for (int k = 1; k < 3; ++k)
-    near &= ((get(k) < a[3 + k]) | (get(6 + k) < a[9 + k])) & ((get(3 + k) > a[k]) | (get(9 + k) > a[6 + k]));
+inline unsigned less(const V<T>& a, const V<T>& b) {
+#if defined(__AVX512F__)
+  if constexpr (sizeof(T) == 4)
+    return _mm512_cmp_ps_mask((__m512)a, (__m512)b, _CMP_LT_OQ);
+  else
+    return _mm512_cmp_pd_mask((__m512d)a, (__m512d)b, _CMP_LT_OQ);
+#elif defined(__AVX2__)
+  if constexpr (sizeof(T) == 4)
+    return unsigned(_mm256_movemask_ps((__m256)(a < b)));
+  else
+    return unsigned(_mm256_movemask_pd((__m256d)(a < b)));
+#elif defined(__SSE2__)
+  if constexpr (sizeof(T) == 4)
+    return unsigned(_mm_movemask_ps((__m128)(a < b)));
+  else
+    return unsigned(_mm_movemask_pd((__m128d)(a < b)));
+#else
+  unsigned found = 0;
+  for (int k = 0; k < kLanes<T>; ++k) found |= unsigned(a[k] < b[k]) << k;
+  return found;
+#endif
+}
+
+// Which of a vector of boxes, planes `stride` apart, come near the box a, which reach has grown.
+template <class T>
+inline unsigned meet(const T* a, std::size_t step, const T* b, std::size_t stride) {
+  unsigned near = ~0u;
+  for (int k = 0; k < 3; ++k) {
+    const auto get = [&](int i) { return load(b + (k + i) * stride); };
+    const auto mine = [&](int i) { return V<T>{} + a[(k + i) * step]; };
+    near &= (less<T>(get(0), mine(3)) | less<T>(get(6), mine(9))) & (less<T>(mine(0), get(3)) | less<T>(mine(6), get(9)));
+    if (!near) break;
+  }
   return near;
 }
 template <class T>
@@ -140,22 +169,6 @@ template <class T>
 inline void grown(const T* from, std::size_t stride, T reach, T (&to)[kBox]) {
   for (int k = 0; k < kBox; ++k) to[k] = from[k * stride] + (k / 3 % 2 ? reach : -reach);
 }
-// A bit for every lane in which a comparison holds.
-template <class T, class Mask>
-inline unsigned bits(const Mask& mask) {
-#if defined(__AVX512F__)
-  return sizeof(T) == 4 ? _mm512_movepi32_mask((__m512i)mask) : _mm512_movepi64_mask((__m512i)mask);
-#elif defined(__AVX2__)
-  return sizeof(T) == 4 ? _mm256_movemask_ps((__m256)mask) : _mm256_movemask_pd((__m256d)mask);
-#elif defined(__SSE2__)
-  return sizeof(T) == 4 ? _mm_movemask_ps((__m128)mask) : _mm_movemask_pd((__m128d)mask);
-#else
-  unsigned found = 0;
-  for (int k = 0; k < kLanes<T>; ++k) found |= (mask[k] ? 1u : 0u) << k;
-  return found;
-#endif
-}
-
 // Whether blocks beside each other, or one alone, are so flat that their cells do not meet.
 template <class T>
 bool flat(const Sweep<T>& s, int a, int b) {
@@ -202,13 +215,12 @@ void blocks(Sweep<T>& s, T reach) {
       grown(s.group.data() + h * kBox, 1, reach, all);
       if (!meet(all, s.group.data() + g * kBox)) continue;
       unsigned some = 0;
-      for (int k = 0; k < kCells; k += n) some |= bits<T>(meet<T>(all, s.block.data() + g * kCells + k, s.blocks)) << k;
+      for (int k = 0; k < kCells; k += n) some |= meet<T>(all, 1, s.block.data() + g * kCells + k, s.blocks) << k;
       for (; some; some &= some - 1) {
         const int a = g * kCells + __builtin_ctz(some);
         grown(s.block.data() + a, s.blocks, reach, mine);
         for (int k = 0; k < kCells; k += n)
-          for (unsigned found = bits<T>(meet<T>(mine, s.block.data() + h * kCells + k, s.blocks)); found;
-               found &= found - 1) {
+          for (unsigned found = meet<T>(mine, 1, s.block.data() + h * kCells + k, s.blocks); found; found &= found - 1) {
             const int b = h * kCells + k + __builtin_ctz(found);
             if (b < a || (beside(s, s.at[a], s.at[b], kSide + (s.periodic ? kSide - 1 : 0)) && flat(s, a, b))) continue;
             s.close_blocks.push_back({a, b});
@@ -223,11 +235,13 @@ const T* slots(Sweep<T>& s, int block) {
   T* const to = s.slots.data() + std::size_t(block) * kBox * kCells;
   if (s.filled[block]) return to;
   s.filled[block] = 1;
+  std::uint16_t even = 0;
   const int first = s.at[block], rows = std::min(kSide, s.rows - s.row[first]);
   const int cols = std::min(kSide, s.cols - s.col[first]);
   for (int r = 0; r < kSide; ++r) {
     const int cell = first + std::min(r, rows - 1) * s.cols, right = s.corner[1][cell + cols - 1] - (cell + cols - 1);
     const int down = s.corner[2][cell] - cell;
+    for (int c = 0; r < rows && c < cols; ++c) even |= std::uint16_t((s.smooth[cell + c] > T(0)) << (r * kSide + c));
     for (int k = 0; k < 6; ++k) {
       const T* const x = (k < 3 ? s.now : s.then).data() + k % 3 * s.plane + cell;
       T *const lo = to + (k + k / 3 * 3) * kCells + r * kSide, *const hi = lo + 3 * kCells;
@@ -242,30 +256,59 @@ const T* slots(Sweep<T>& s, int block) {
       for (int c = r < rows ? cols : 0; c < kSide; ++c) lo[c] = T(kFar), hi[c] = T(-kFar);
     }
   }
+  s.even[block] = even;
   return to;
 }
+
+// Of cell i of a block the cells up to kApart apart in a block dr, dc blocks further (-1, 0 or 1).
+unsigned nearby(int i, int dr, int dc) {
+  unsigned found = 0;
+  for (int j = 0; j < kCells; ++j) {
+    const int r = dr * kSide + j / kSide - i / kSide, c = dc * kSide + j % kSide - i % kSide;
+    if (std::abs(r) <= kApart && std::abs(c) <= kApart) found |= 1u << j;
+  }
+  return found;
+}
+struct Nearby {
+  std::uint16_t mask[3][3][kCells];
+  Nearby() {
+    for (int dr = -1; dr < 2; ++dr)
+      for (int dc = -1; dc < 2; ++dc)
+        for (int i = 0; i < kCells; ++i) mask[dr + 1][dc + 1][i] = std::uint16_t(nearby(i, dr, dc));
+  }
+};
 
 template <class T>
 void cells(Sweep<T>& s, T reach) {
   constexpr int n = kLanes<T>;
   std::fill(s.filled.begin(), s.filled.end(), 0);
   s.close_cells.clear();
+  static const Nearby nearby;
   for (const auto& [a, b] : s.close_blocks) {
     const T *const first = slots(s, a), *const second = slots(s, b);
     T all[kBox], mine[kBox];
     grown(s.block.data() + b, s.blocks, reach, all);
-    unsigned some = 0;
-    for (int k = 0; k < kCells; k += n) some |= bits<T>(meet<T>(all, first + k, kCells)) << k;
+    const int dr = (s.row[s.at[b]] - s.row[s.at[a]]) / kSide, dc = (s.col[s.at[b]] - s.col[s.at[a]]) / kSide;
+    const std::uint16_t* const around = std::abs(dr) <= 1 && std::abs(dc) <= 1 ? nearby.mask[dr + 1][dc + 1] : nullptr;
+    unsigned some = 0, those = 0;
+    for (int k = 0; k < kCells; k += n) some |= meet<T>(all, 1, first + k, kCells) << k;
+    grown(s.block.data() + a, s.blocks, reach, all);
+    for (int k = 0; some && k < kCells; k += n) those |= meet<T>(all, 1, second + k, kCells) << k;
+    if (!those) continue;
     for (; some; some &= some - 1) {
       const int i = __builtin_ctz(some), at = s.at[a] + i / kSide * s.cols + i % kSide;
+      unsigned wanted = those;
+      if (a == b) wanted &= ~1u << i;
+      if (around && s.even[a] >> i & 1) wanted &= ~(around[i] & s.even[b]);
+      if (!wanted) continue;
       grown(first + i, kCells, reach, mine);
-      for (int k = 0; k < kCells; k += n)
-        for (unsigned found = bits<T>(meet<T>(mine, second + k, kCells)); found; found &= found - 1) {
-          const int j = k + __builtin_ctz(found), to = s.at[b] + j / kSide * s.cols + j % kSide;
-          if (a == b && j <= i) continue;
-          if (lesser(s.smooth[at], s.smooth[to]) > T(0) && beside(s, at, to, kApart)) continue;
-          s.close_cells.push_back({at, to});
-        }
+      unsigned found = 0;
+      for (int k = 0; k < kCells; k += n) found |= meet<T>(mine, 1, second + k, kCells) << k;
+      for (found &= wanted; found; found &= found - 1) {
+        const int j = __builtin_ctz(found), to = s.at[b] + j / kSide * s.cols + j % kSide;
+        if (s.periodic && lesser(s.smooth[at], s.smooth[to]) > T(0) && beside(s, at, to, kApart)) continue;
+        s.close_cells.push_back({at, to});
+      }
     }
   }
 }
@@ -289,9 +332,10 @@ inline V<float> gather(const float* base, const int* at) {
 #endif
 
 template <class T>
-void parts(const Sweep<T>& s, const std::pair<int, int>* pairs, int count, T vertex_reach, T edge_reach,
-           std::uint16_t* found) {
+void parts(const Sweep<T>& s, const std::pair<int, int>* pairs, int count, const Looking<T>& vertices,
+           const Looking<T>& edges, T skin, T time, std::uint8_t (*wait)[kParts]) {
   constexpr int n = kLanes<T>;
+  const V<T> none = {}, one = none + T(1), most = none + T(kMostSteps);
   for (int first = 0; first < count; first += n) {
     alignas(64) int at[2][4][n];
     for (int l = 0; l < n; ++l) {
@@ -323,27 +367,36 @@ void parts(const Sweep<T>& s, const std::pair<int, int>* pairs, int count, T ver
       going += most * most;
     }
     going = going * rsqrt(going + tiny<T>);
-    const V<T> vertex = going + vertex_reach, edge = going + edge_reach;
-    const V<T> vertex2 = vertex * vertex, edge2 = edge * edge;
-    V<T> mask = {};
-    const auto note = [&](const V3<T>& d, const V<T>& limit, int bit) {
-      mask += dot(d, d) < limit ? V<T>{} + T(1 << bit) : V<T>{};
+    const V<T> vertex = going + (vertices.reach + skin), edge = going + (edges.reach + skin);
+    const V<T> vertex2 = vertex * vertex, edge2 = edge * edge, rate = T(1) / (going * (vertices.h / time) + vertices.haste * vertices.h);
+    alignas(64) T steps[kParts][n];
+    unsigned close[13];
+    const auto note = [&](const V3<T>& d, const V<T>& limit, T danger, int k) {
+      const V<T> d2 = dot(d, d), far = d2 * rsqrt(d2 + tiny<T>), w = (far - danger) * rate;
+      const V<T> some = w < one ? one : (w > most ? most : w);
+      store<T>(steps[k], some), close[k] = less<T>(d2, limit);
     };
     for (int half = 0; half < 2; ++half) {
       const V3<T>& v = p[half][0];
       const V3<T>(&t)[4] = p[1 - half];
       for (int k = 0; k < 2; ++k) {
         const V3<T>&b = t[k ? 3 : 2], &c = t[k ? 1 : 3];
-        note(apart(of_triangle<T>(v, t[0], b, c), v, t[0], b, c), vertex2, 2 * half + k);
+        note(apart(of_triangle<T>(v, t[0], b, c), v, t[0], b, c), vertex2, vertices.danger, 2 * half + k);
       }
     }
     for (int a = 0; a < 3; ++a)
       for (int b = 0; b < 3; ++b) {
         const V3<T>(&i)[4] = p[0], (&j)[4] = p[1];
         const Nearest<T> near = of_edges<T>(i[0], i[a + 1], j[0], j[b + 1]);
-        note(apart(near, i[0], i[a + 1], j[0], j[b + 1]), edge2, 4 + 3 * a + b);
+        note(apart(near, i[0], i[a + 1], j[0], j[b + 1]), edge2, edges.danger, 4 + 3 * a + b);
       }
-    for (int l = 0; l < n && first + l < count; ++l) found[first + l] = std::uint16_t(mask[l]);
+    for (int l = 0; l < n && first + l < count; ++l) std::memset(wait[first + l], 0, kParts);
+    for (int k = 0; k < 13; ++k)
+      for (unsigned found = close[k]; found; found &= found - 1) {
+        const int l = __builtin_ctz(found);
+        if (first + l >= count) break;
+        wait[first + l][k] = std::uint8_t(steps[k][l]), wait[first + l][k < 4 ? 14 : 15] = 1;
+      }
   }
 }
 

@@ -34,12 +34,13 @@ struct Sweep {
   std::vector<int> corner[4]; // vertices of every cell: upper left, upper right, lower left, lower right
   std::vector<std::int16_t> row, col;  // of every cell
   std::vector<char> filled;
+  std::vector<std::uint16_t> even;  // of a filled block: bit i if its cell i does not meet cells beside it
   std::vector<std::pair<int, int>> close_blocks, close_cells;
 
   void shape(int rows, int cols, bool periodic);
 };
 
-constexpr int kMostSteps = 16, kAct = 128;
+constexpr int kMostSteps = 16, kAct = 128, kParts = 16;  // of which 13 are used
 
 template <class T>
 struct Looking {
@@ -51,10 +52,10 @@ struct NearLanes {
   void (*boxes)(Sweep<T>&, T cell_area);
   void (*blocks)(Sweep<T>&, T reach);
   void (*cells)(Sweep<T>&, T reach);
-  // Of `count` pairs of cells: bit k of found[i] says that of pair i the parts k may come as near as their reach. Parts
+  // Of `count` pairs of cells: in how many steps to look first at their parts k, wait[i][k], 0 if they stay apart. Parts
   // 0, 1: vertex of the first, lower and upper triangle of the second; 2, 3: the other way round; 4 + 3 a + b: edges.
-  void (*parts)(const Sweep<T>&, const std::pair<int, int>* pairs, int count, T vertex_reach, T edge_reach,
-                std::uint16_t* found);
+  void (*parts)(const Sweep<T>&, const std::pair<int, int>* pairs, int count, const Looking<T>& vertices,
+                const Looking<T>& edges, T skin, T time, std::uint8_t (*wait)[kParts]);
   // Of `count` pairs of parts, numbers in `parts`: in how many steps to look at each again (see look in core.hpp), and
   // with kAct added if it has to be resolved now.
   void (*look)(const T* x, const T* v, int width, const int (*parts)[4], const int* which, int count, bool edges,
