@@ -33,13 +33,17 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
   strips_ = &s, f_ = f, member_ = member, cell_area_ = sheet.row_length * sheet.col_length;
   sweep_.shape(sheet.rows, sheet.cols, sheet.periodic);
   x0_.resize(s.field), v0_.resize(s.field);
-  mobility_.assign(s.places.size(), T(1));
-  for (int i = 0; i < int(mobility_.size()); ++i) {
+  mobility_.resize(s.field);
+  for (int i = 0; i < int(s.places.size()); ++i) {
     const int r = i / sheet.cols, c = i % sheet.cols;
-    if (r == 0 || r == sheet.rows - 1) mobility_[i] *= 2;
-    if (!sheet.periodic && (c == 0 || c == sheet.cols - 1)) mobility_[i] *= 2;
+    const bool row = r == 0 || r == sheet.rows - 1, col = !sheet.periodic && (c == 0 || c == sheet.cols - 1);
+    mobility_[s.places[i] + member] = T((row ? 2 : 1) * (col ? 2 : 1));
   }
-  for (int i : firm) mobility_[i] = 0;
+  for (int i : firm) mobility_[s.places[i] + member] = 0;
+  for (int q = 0; q < 4; ++q) {
+    corner_[q].resize(s.places.size());
+    for (std::size_t i = 0; i < s.places.size(); ++i) corner_[q][i] = s.places[sweep_.corner[q][i]] + member;
+  }
   self_stats.frames++;
   search();
   for (int k = 0; k < int(self_tune[15]); ++k) {
@@ -80,37 +84,36 @@ void SelfContact<T>::search() {
   const Looking<T> of[2] = {{layer_, layer_ / 2, kHaste, h_}, {kEdges * layer_, kEdges * layer_ / 2, kHaste, h_}};
   near.parts(sweep_, pairs.data(), int(pairs.size()), of[0], of[1], skin, time,
              reinterpret_cast<std::uint8_t(*)[kParts]>(first_.data()));
-  double t5=now_s(); self_tune[14]=std::min(self_tune[14],t5-t4); parts_.clear(), vertices_.clear();
+  double t5=now_s(); self_tune[14]=std::min(self_tune[14],t5-t4); parts_.clear();
   for (auto& kind : due_)
     for (auto& due : kind) due.clear();
-  parts_.clear(), vertices_.clear();
+  parts_.clear();
   for (auto& kind : due_)
     for (auto& due : kind) due.clear();
   for (const bool edges : {false, true}) {
+    const int *const from = edges ? kEdgeParts : kVertexParts, *const end = from + (edges ? 9 : 4);
     for (std::size_t p = 0; p < pairs.size(); ++p) {
-      const int *const from = edges ? kEdgeParts : kVertexParts, *const end = from + (edges ? 9 : 4);
       if (!first_[p][edges ? 15 : 14]) continue;
       int at[2][4];
-      for (int q = 0; q < 4; ++q)
-        at[0][q] = sweep_.corner[q][pairs[p].first], at[1][q] = sweep_.corner[q][pairs[p].second];
+      for (int q = 0; q < 4; ++q) at[0][q] = corner_[q][pairs[p].first], at[1][q] = corner_[q][pairs[p].second];
       for (const int* part = from; part < end; ++part) {
         const int k = *part, wait = first_[p][k];
         if (!wait) continue;
-        int a, b, c, d;
+        std::array<int, 4> x;
+        bool none;
         if (k < 4) {
           const int* const t = at[1 - k / 2];
-          a = at[k / 2][0], b = t[0], c = k % 2 ? t[3] : t[2], d = k % 2 ? t[1] : t[3];
-          if (t[0] == t[1] || t[0] == t[2] || a == b || a == c || a == d) continue;
+          x = {at[k / 2][0], t[0], k % 2 ? t[3] : t[2], k % 2 ? t[1] : t[3]};
+          none = t[0] == t[1] || t[0] == t[2] || x[0] == x[1] || x[0] == x[2] || x[0] == x[3];
         } else {
           const int e = kPart[(k - 4) / 3], g = kPart[(k - 4) % 3];
-          a = at[0][0], b = at[0][e], c = at[1][0], d = at[1][g];
-          const auto none = [&](const int* q, int m) { return m == 3 ? q[0] == q[1] || q[0] == q[2] : q[0] == q[m]; };
-          if (none(at[0], e) || none(at[1], g) || a == c || a == d || b == c || b == d) continue;
+          x = {at[0][0], at[0][e], at[1][0], at[1][g]};
+          const auto point = [&](const int* q, int m) { return m == 3 ? q[0] == q[1] || q[0] == q[2] : q[0] == q[m]; };
+          none = point(at[0], e) || point(at[1], g) || x[0] == x[2] || x[0] == x[3] || x[1] == x[2] || x[1] == x[3];
         }
+        if (none) continue;
         due_[edges][(now_ + wait - 1) % (kMostSteps + 1)].push_back(int(parts_.size()));
-        vertices_.push_back({a, b, c, d});
-        const auto& to = s.places;
-        parts_.push_back({to[a] + member_, to[b] + member_, to[c] + member_, to[d] + member_});
+        parts_.push_back(x);
       }
     }
     if (!edges) edges_ = int(parts_.size());
@@ -215,11 +218,11 @@ template <class T>
 void SelfContact<T>::resolve(int part, bool edges, int steps) {
   const int width = strips_->width;
   const T reach = edges ? kEdges * layer_ : layer_, time = h_ * T(steps);
-  const auto &place = parts_[part], &vertex = vertices_[part];
+  const auto& place = parts_[part];
     Vec<T> x[4], v[4];
     T weight[4], mobility[4];
     for (int q = 0; q < 4; ++q) {
-      mobility[q] = mobility_[vertex[q]];
+      mobility[q] = mobility_[place[q]];
       const T *const px = f_.x + place[q], *const pv = f_.v + place[q];
       x[q] = {px[0], px[width], px[2 * width]}, v[q] = {pv[0], pv[width], pv[2 * width]};
     }

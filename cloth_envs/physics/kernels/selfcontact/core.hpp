@@ -27,8 +27,8 @@ class SelfContact {
   void resolve(int part, bool edges, int steps);
 
   Sweep<T> sweep_;
-  // Vertices and triangles, then from edges_ on edges: elements of a field, and vertices.
-  std::vector<std::array<int, 4>> parts_, vertices_;
+  // Vertices and triangles, then from edges_ on edges: elements of a field.
+  std::vector<std::array<int, 4>> parts_;
   int edges_ = 0;
   std::vector<int> due_[2][kMostSteps + 1];  // parts of both kinds to look at in so many steps, as a ring
   std::vector<std::pair<int, int>> acts_;
@@ -39,7 +39,8 @@ class SelfContact {
   T layer_ = 0, friction_ = 0, h_ = 0, damping_ = 0;
   double cell_area_ = 1;
   Plane<T> x0_, v0_;          // fields at the last search
-  std::vector<T> mobility_;   // of elements: 1 / area, 0 where firmly held
+  std::vector<T> mobility_;   // of elements: over 1 / the area of an inner vertex, 0 where firmly held
+  std::vector<int> corner_[4];  // of every cell: elements of its corners
   std::vector<std::array<std::uint8_t, kParts>> first_;
   std::vector<std::uint8_t> wait_;
 };

@@ -229,34 +229,67 @@ void blocks(Sweep<T>& s, T reach) {
     }
 }
 
+template <class T>
+inline T middle(const T (&x)[4], T* half) {
+  const T lo = lesser(lesser(x[0], x[1]), lesser(x[2], x[3])), hi = greater(greater(x[0], x[1]), greater(x[2], x[3]));
+  *half = (hi - lo) / 2;
+  return (lo + hi) / 2;
+}
+
+template <class T>
+void record(Sweep<T>& s, int cell) {
+  T* const to = s.records.data() + std::size_t(kRecord) * cell;
+  const int at[4] = {s.corner[0][cell], s.corner[1][cell], s.corner[2][cell], s.corner[3][cell]};
+  T spread = 0;
+  for (int k = 0; k < 3; ++k) {
+    const T *const x = s.now.data() + k * s.plane, *const y = s.then.data() + k * s.plane;
+    T ways[4], half;
+    for (int q = 0; q < 4; ++q) to[3 * q + k] = x[at[q]], ways[q] = y[at[q]] - x[at[q]];
+    to[12 + k] = middle(ways, &half);
+    spread += half * half;
+  }
+  to[15] = std::sqrt(spread);
+}
+
 // The boxes of a block's cells side by side; where there are none they are empty.
 template <class T>
 const T* slots(Sweep<T>& s, int block) {
+  typedef T Four __attribute__((vector_size(4 * sizeof(T))));
   T* const to = s.slots.data() + std::size_t(block) * kBox * kCells;
   if (s.filled[block]) return to;
   s.filled[block] = 1;
-  std::uint16_t even = 0;
   const int first = s.at[block], rows = std::min(kSide, s.rows - s.row[first]);
   const int cols = std::min(kSide, s.cols - s.col[first]);
+  unsigned even = 0;
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c < cols; ++c) {
+      even |= unsigned(s.smooth[first + r * s.cols + c] > T(0)) << (r * kSide + c);
+      record(s, first + r * s.cols + c);
+    }
+  s.even[block] = std::uint16_t(even);
+  const auto four = [](const T* p) {
+    Four v;
+    std::memcpy(&v, p, sizeof v);
+    return v;
+  };
+  const int across = s.corner[1][first + cols - 1] - (first + cols - 1);
   for (int r = 0; r < kSide; ++r) {
-    const int cell = first + std::min(r, rows - 1) * s.cols, right = s.corner[1][cell + cols - 1] - (cell + cols - 1);
-    const int down = s.corner[2][cell] - cell;
-    for (int c = 0; r < rows && c < cols; ++c) even |= std::uint16_t((s.smooth[cell + c] > T(0)) << (r * kSide + c));
+    const int cell = first + std::min(r, rows - 1) * s.cols, down = s.corner[2][cell] - cell;
     for (int k = 0; k < 6; ++k) {
       const T* const x = (k < 3 ? s.now : s.then).data() + k % 3 * s.plane + cell;
       T *const lo = to + (k + k / 3 * 3) * kCells + r * kSide, *const hi = lo + 3 * kCells;
-      T a[kSide + 1], b[kSide + 1];
-      for (int c = 0; c < kSide; ++c) {
-        const T p = x[c], q = x[c + down];
-        a[c] = lesser(p, q), b[c] = greater(p, q);
+      const Four p = four(x), q = four(x + 1), u = four(x + down), v = four(x + down + 1);
+      const Four pl = p < q ? p : q, ul = u < v ? u : v, ph = p > q ? p : q, uh = u > v ? u : v;
+      const Four low = pl < ul ? pl : ul, high = ph > uh ? ph : uh;
+      std::memcpy(lo, &low, sizeof low), std::memcpy(hi, &high, sizeof high);
+      if (across != 1) {  // the last column
+        const int c = cols - 1;
+        const T a = x[c], b = x[c + across], d = x[c + down], e = x[c + across + down];
+        lo[c] = lesser(lesser(a, b), lesser(d, e)), hi[c] = greater(greater(a, b), greater(d, e));
       }
-      const T p = x[cols - 1 + right], q = x[cols - 1 + right + down];
-      a[cols] = lesser(p, q), b[cols] = greater(p, q);
-      for (int c = 0; c < kSide; ++c) lo[c] = lesser(a[c], a[c + 1]), hi[c] = greater(b[c], b[c + 1]);
       for (int c = r < rows ? cols : 0; c < kSide; ++c) lo[c] = T(kFar), hi[c] = T(-kFar);
     }
   }
-  s.even[block] = even;
   return to;
 }
 
@@ -331,42 +364,49 @@ inline V<float> gather(const float* base, const int* at) {
 }
 #endif
 
+// Vector k of `to` gets number k of every record.
+template <class T>
+inline void transpose(const T* const (&from)[kLanes<T>], V<T> (&to)[kRecord]) {
+  constexpr int n = kLanes<T>;
+  using Index = decltype(V<T>{} < V<T>{});
+  for (int part = 0; part < kRecord; part += n) {
+    V<T> row[n];
+    for (int l = 0; l < n; ++l) row[l] = load(from[l] + part);
+    // Swaps blocks of `size` numbers across the diagonal, then halves them.
+    for (int size = n / 2; size >= 1; size /= 2) {
+      Index low, high;
+      for (int k = 0; k < n; ++k) low[k] = k & size ? n + k - size : k, high[k] = k & size ? n + k : k + size;
+      for (int l = 0; l < n; ++l)
+        if (!(l & size)) {
+          const V<T> a = row[l], b = row[l + size];
+          row[l] = pick(a, b, low), row[l + size] = pick(a, b, high);
+        }
+    }
+    for (int k = 0; k < n; ++k) to[part + k] = row[k];
+  }
+}
+
 template <class T>
 void parts(const Sweep<T>& s, const std::pair<int, int>* pairs, int count, const Looking<T>& vertices,
            const Looking<T>& edges, T skin, T time, std::uint8_t (*wait)[kParts]) {
   constexpr int n = kLanes<T>;
   const V<T> none = {}, one = none + T(1), most = none + T(kMostSteps);
   for (int first = 0; first < count; first += n) {
-    alignas(64) int at[2][4][n];
-    for (int l = 0; l < n; ++l) {
-      const auto& pair = pairs[std::min(first + l, count - 1)];
-      for (int half = 0; half < 2; ++half) {
-        const int i = half ? pair.second : pair.first;
-        for (int q = 0; q < 4; ++q) at[half][q][l] = s.corner[q][i];
+    V<T> field[2][kRecord];
+    for (int half = 0; half < 2; ++half) {
+      const T* from[n];
+      for (int l = 0; l < n; ++l) {
+        const auto& pair = pairs[std::min(first + l, count - 1)];
+        from[l] = s.records.data() + std::size_t(kRecord) * (half ? pair.second : pair.first);
       }
+      transpose<T>(from, field[half]);
     }
     V3<T> p[2][4];
     for (int half = 0; half < 2; ++half)
-      for (int q = 0; q < 4; ++q) {
-        const T* const x = s.now.data();
-        const int* const i = at[half][q];
-        p[half][q] = {gather<T>(x, i), gather<T>(x + s.plane, i), gather<T>(x + 2 * s.plane, i)};
-      }
-    V<T> going = {};  // how far they can go towards each other
-    for (int k = 0; k < 3; ++k) {
-      const T* const then = s.then.data() + k * s.plane;
-      V<T> lo[2], hi[2];
-      for (int half = 0; half < 2; ++half)
-        for (int q = 0; q < 4; ++q) {
-          const V3<T>& x = p[half][q];
-          const V<T> way = gather<T>(then, at[half][q]) - (k == 0 ? x.x : k == 1 ? x.y : x.z);
-          if (q == 0) lo[half] = hi[half] = way;
-          lo[half] = way < lo[half] ? way : lo[half], hi[half] = way > hi[half] ? way : hi[half];
-        }
-      const V<T> u = hi[0] - lo[1], v = hi[1] - lo[0], most = u > v ? u : v;
-      going += most * most;
-    }
-    going = going * rsqrt(going + tiny<T>);
+      for (int q = 0; q < 4; ++q) p[half][q] = {field[half][3 * q], field[half][3 * q + 1], field[half][3 * q + 2]};
+    // How far they can go towards each other.
+    const V3<T> way = {field[0][12] - field[1][12], field[0][13] - field[1][13], field[0][14] - field[1][14]};
+    const V<T> square = dot(way, way) + tiny<T>, going = square * rsqrt(square) + (field[0][15] + field[1][15]);
     const V<T> vertex = going + (vertices.reach + skin), edge = going + (edges.reach + skin);
     const V<T> vertex2 = vertex * vertex, edge2 = edge * edge, rate = T(1) / (going * (vertices.h / time) + vertices.haste * vertices.h);
     alignas(64) T steps[kParts][n];

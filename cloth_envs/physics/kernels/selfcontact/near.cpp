@@ -23,7 +23,7 @@ void Sweep<T>::shape(int rows_, int cols_, bool periodic_) {
     corner[0].push_back(i), corner[1].push_back(i + right);
     corner[2].push_back(i + down), corner[3].push_back(i + right + down);
   }
-  slots.assign(std::size_t(kBox) * kCells * blocks, T(0)), filled.assign(blocks, 0), even.assign(blocks, 0);
+  slots.assign(std::size_t(kBox) * kCells * blocks, T(0)), records.assign(kRecord * plane, T(0)), filled.assign(blocks, 0), even.assign(blocks, 0);
   block.assign(kBox * blocks, T(0)), cone.assign(6 * blocks, T(0)), group.assign(kBox * groups, T(0));
   at.assign(blocks, -1);
   for (int b = 0; b < blocks; ++b) {

@@ -13,6 +13,8 @@ namespace minicloth {
 
 constexpr int kSide = 4, kCells = kSide * kSide;  // cells along a block's side, in a block; the same of blocks in a group
 
+constexpr int kRecord = 16;
+
 // A box of points now and of the same points later: lo x, y, z, hi x, y, z of each.
 constexpr int kBox = 12;
 
@@ -28,6 +30,8 @@ struct Sweep {
   Plane<T> now, then;         // vertices, 3 planes each
   Plane<T> normal, smooth;    // of cells over their rest area, 3 planes; least cosine between it and a neighbour's
   Plane<T> slots;             // kBox rows of kCells, cells' boxes, for every block; where wanted, see filled
+  Plane<T> records;           // kRecord numbers of every cell of such blocks: x, y, z of its corners, the middle of the
+                              // box of their ways and half its diagonal
   Plane<T> block, cone;       // kBox planes of blocks; 6 of the box of a block's normals
   Plane<T> group;             // kBox numbers of every group
   std::vector<int> at;        // of every block its first cell, -1 where the sheet has none
