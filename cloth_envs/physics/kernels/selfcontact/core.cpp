@@ -6,6 +6,8 @@
 
 #include "../base/vec.hpp"
 
+double dbg_t[8];
+extern "C" __attribute__((visibility("default"))) double* minicloth_dbg() { return dbg_t; }
 namespace minicloth {
 SelfStats self_stats;
 double self_tune[16] = {0.5, 4, 32, 0.5, 0.3, 1};
@@ -21,7 +23,6 @@ namespace {
 #define kAhead T(0)
 #define kHaste T(self_tune[5])      // m/s, what speeds may change by until a pair is looked at again
 
-constexpr int kVertexParts[] = {0, 1, 2, 3}, kEdgeParts[] = {4, 5, 6, 7, 8, 9, 10, 11, 12};
 constexpr int kPart[3] = {1, 2, 3};  // ends of the edges of a cell: right, below, diagonal
 
 }  // namespace
@@ -70,9 +71,9 @@ void SelfContact<T>::search() {
   std::copy_n(f_.x, s.field, x0_.data()), std::copy_n(f_.v, s.field, v0_.data());
   const T time = h_ * T(kSearch + kEvery);
   for (int k = 0; k < 3; ++k) {
-    T *const now = sweep_.now.data() + k * sweep_.plane, *const then = sweep_.then.data() + k * sweep_.plane;
+    T *const to = sweep_.x.data() + k * sweep_.plane, *const way = sweep_.way.data() + k * sweep_.plane;
     const T *const x = f_.x + k * s.width + member_, *const v = f_.v + k * s.width + member_;
-    for (int i = 0; i < n; ++i) now[i] = x[s.places[i]], then[i] = now[i] + time * v[s.places[i]];
+    for (int i = 0; i < n; ++i) to[i] = x[s.places[i]], way[i] = time * v[s.places[i]];
   }
   double t1=now_s(); self_tune[10]=std::min(self_tune[10],t1-t0);
   const T skin = 2 * kSkin * layer_;
@@ -82,8 +83,7 @@ void SelfContact<T>::search() {
   const auto& pairs = sweep_.close_cells;
   first_.resize(pairs.size());
   const Looking<T> of[2] = {{layer_, layer_ / 2, kHaste, h_}, {kEdges * layer_, kEdges * layer_ / 2, kHaste, h_}};
-  near.parts(sweep_, pairs.data(), int(pairs.size()), of[0], of[1], skin, time,
-             reinterpret_cast<std::uint8_t(*)[kParts]>(first_.data()));
+  near.parts(sweep_, of[0], of[1], skin, time, reinterpret_cast<std::uint8_t(*)[kParts + 2]>(first_.data()));
   double t5=now_s(); self_tune[14]=std::min(self_tune[14],t5-t4); parts_.clear();
   for (auto& kind : due_)
     for (auto& due : kind) due.clear();
@@ -91,13 +91,13 @@ void SelfContact<T>::search() {
   for (auto& kind : due_)
     for (auto& due : kind) due.clear();
   for (const bool edges : {false, true}) {
-    const int *const from = edges ? kEdgeParts : kVertexParts, *const end = from + (edges ? 9 : 4);
+    const int from = edges ? kVertexParts : 0, end = edges ? kParts : kVertexParts;
     for (std::size_t p = 0; p < pairs.size(); ++p) {
-      if (!first_[p][edges ? 15 : 14]) continue;
+      if (!first_[p][kParts + edges]) continue;
       int at[2][4];
       for (int q = 0; q < 4; ++q) at[0][q] = corner_[q][pairs[p].first], at[1][q] = corner_[q][pairs[p].second];
-      for (const int* part = from; part < end; ++part) {
-        const int k = *part, wait = first_[p][k];
+      for (int k = from; k < end; ++k) {
+        const int wait = first_[p][k];
         if (!wait) continue;
         std::array<int, 4> x;
         bool none;

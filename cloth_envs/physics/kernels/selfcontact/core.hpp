@@ -41,7 +41,7 @@ class SelfContact {
   Plane<T> x0_, v0_;          // fields at the last search
   std::vector<T> mobility_;   // of elements: over 1 / the area of an inner vertex, 0 where firmly held
   std::vector<int> corner_[4];  // of every cell: elements of its corners
-  std::vector<std::array<std::uint8_t, kParts>> first_;
+  std::vector<std::array<std::uint8_t, kParts + 2>> first_;
   std::vector<std::uint8_t> wait_;
 };
 

@@ -1,0 +1,265 @@
+// Boxes of blocks, and which of them may come close. Included where it is compiled for an instruction set.
+#pragma once
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+
+#include "../base/simd.hpp"
+#include "near.hpp"
+
+namespace minicloth {
+namespace LANES {
+namespace {
+
+constexpr double kFar = 1e9;    // m
+constexpr double kFlat = 0.35;  // least part of the rest area that cells of flat blocks have along a common normal
+constexpr double kSmall = 0.3;  // of the rest area, of cells whose normals tell little
+constexpr double kLevel = 0.2;  // least cosine between neighbours' normals where cells up to kApart apart do not meet
+constexpr int kApart = 2;
+
+template <class T>
+inline T lesser(T a, T b) {
+  return a < b ? a : b;
+}
+template <class T>
+inline T greater(T a, T b) {
+  return a > b ? a : b;
+}
+
+template <class T>
+void row_of_normals(Sweep<T>& s, int r, int c0, int c1, int right, T unit) {
+  const std::size_t first = std::size_t(r) * s.cols;
+  const int down = s.cols, corner = right + down;
+  const T *const X = s.x.data() + first, *const Y = X + s.plane, *const Z = Y + s.plane;
+  T *const nx = s.normal.data() + first, *const ny = nx + s.plane, *const nz = ny + s.plane;
+#pragma GCC ivdep
+  for (int c = c0; c < c1; ++c) {
+    const T ax = X[c + corner] - X[c], ay = Y[c + corner] - Y[c], az = Z[c + corner] - Z[c];
+    const T bx = X[c + right] - X[c + down], by = Y[c + right] - Y[c + down], bz = Z[c + right] - Z[c + down];
+    nx[c] = unit * (ay * bz - az * by), ny[c] = unit * (az * bx - ax * bz), nz[c] = unit * (ax * by - ay * bx);
+  }
+}
+
+// Cells i + c and j + c are neighbours.
+template <class T>
+void join(Sweep<T>& s, std::size_t i, std::size_t j, int count) {
+  const T *const x = s.normal.data(), *const y = x + s.plane, *const z = y + s.plane;
+  T* const even = s.even.data();
+  const auto level = [&](std::size_t a, std::size_t b) __attribute__((always_inline)) {
+    const T d = x[a] * x[b] + (y[a] * y[b] + z[a] * z[b]);
+    const T m = x[a] * x[a] + (y[a] * y[a] + z[a] * z[a]), n = x[b] * x[b] + (y[b] * y[b] + z[b] * z[b]);
+    const T small = T(kSmall * kSmall), least = T(kLevel * kLevel);
+    return (m > small && n > small && d > T(0) && d * d > least * m * n) ? T(1) : T(-1);
+  };
+#pragma GCC ivdep
+  for (int c = 0; c < count; ++c) even[i + c] = lesser(even[i + c], level(i + c, j + c));
+#pragma GCC ivdep
+  for (int c = 0; c < count; ++c) even[j + c] = lesser(even[j + c], level(i + c, j + c));
+}
+
+template <class T>
+void normals(Sweep<T>& s, T cell_area) {
+  const int cols = s.cols, last = cols - 1, across = s.periodic ? cols : last;
+  const T unit = T(0.5) / cell_area;
+  for (int r = 0; r + 1 < s.rows; ++r) {
+    row_of_normals(s, r, 0, last, 1, unit);
+    if (s.periodic) row_of_normals(s, r, last, cols, -last, unit);
+  }
+  std::fill(s.even.begin(), s.even.end(), T(1));
+  for (int r = 0; r + 1 < s.rows; ++r) {
+    const std::size_t i = std::size_t(r) * cols;
+    join(s, i, i + 1, across - 1);
+    if (s.periodic) join(s, i, i + last, 1);
+    if (r + 2 < s.rows) join(s, i, i + cols, across);
+  }
+}
+
+// Of every block lowest and highest of a plane's `rows` x `cols` first numbers; blocks are `more` rows and columns
+// larger than their cells.
+template <class T>
+void to_blocks(const Sweep<T>& s, const T* plane, int rows, int cols, int more, T* lo, T* hi) {
+  thread_local std::vector<T> lines;
+  lines.resize(2 * (s.cols + 1));
+  T *const low = lines.data(), *const high = low + s.cols + 1;
+  std::fill_n(lo, s.blocks, T(kFar)), std::fill_n(hi, s.blocks, T(-kFar));
+  const int most = s.periodic && more ? cols + 1 : cols;
+  for (int b = 0; b < s.block_rows; ++b) {
+    const int r0 = b * kSide, r1 = std::min(r0 + kSide + more, rows);
+    if (r1 <= r0) continue;
+    std::copy_n(plane + std::size_t(r0) * s.cols, s.cols, low), std::copy_n(low, s.cols, high);
+    for (int r = r0 + 1; r < r1; ++r) {
+      const T* const row = plane + std::size_t(r) * s.cols;
+#pragma GCC ivdep
+      for (int c = 0; c < s.cols; ++c) low[c] = lesser(low[c], row[c]), high[c] = greater(high[c], row[c]);
+    }
+    low[s.cols] = low[0], high[s.cols] = high[0];
+    const int first = b / kSide * s.group_cols * kCells + b % kSide * kSide;
+    for (int a = 0; a < s.block_cols; ++a) {
+      const int c0 = a * kSide, c1 = std::min(c0 + kSide + more, most);
+      T l = T(kFar), h = T(-kFar);
+      for (int c = c0; c < c1; ++c) l = lesser(l, low[c]), h = greater(h, high[c]);
+      lo[first + a / kSide * kCells + a % kSide] = l, hi[first + a / kSide * kCells + a % kSide] = h;
+    }
+  }
+}
+
+// A box of ways, lo and hi in planes, becomes its middle and half its diagonal.
+template <class T>
+inline void centre(T* ways, std::size_t stride) {
+  T spread = 0;
+  for (int k = 0; k < 3; ++k) {
+    T& lo = ways[k * stride];
+    const T hi = ways[(3 + k) * stride], half = (hi - lo) / 2;
+    lo = (lo + hi) / 2, spread += half * half;
+  }
+  ways[3 * stride] = std::sqrt(spread);
+}
+
+template <class T>
+void boxes(Sweep<T>& s, T cell_area) {
+  normals(s, cell_area);
+  const int across = s.periodic ? s.cols : s.cols - 1;
+  for (int k = 0; k < 3; ++k) {
+    const std::size_t lo = std::size_t(k) * s.blocks, hi = std::size_t(3 + k) * s.blocks, from = k * s.plane;
+    to_blocks(s, s.x.data() + from, s.rows, s.cols, 1, s.box.data() + lo, s.box.data() + hi);
+    to_blocks(s, s.way.data() + from, s.rows, s.cols, 1, s.going.data() + lo, s.going.data() + hi);
+    to_blocks(s, s.normal.data() + from, s.rows - 1, across, 0, s.cone.data() + lo, s.cone.data() + hi);
+  }
+  const std::size_t stride = s.group.size() / 10;
+  for (int g = 0; g < s.groups; ++g) {
+    T ways[6];
+    for (int k = 0; k < 12; ++k) {
+      const T* const from = (k < 6 ? s.box : s.going).data() + std::size_t(k % 6) * s.blocks + g * kCells;
+      T v = from[0];
+      for (int i = 1; i < kCells; ++i) v = k % 6 < 3 ? lesser(v, from[i]) : greater(v, from[i]);
+      (k < 6 ? s.group[k * stride + g] : ways[k - 6]) = v;
+    }
+    centre(ways, 1);
+    for (int k = 0; k < 4; ++k) s.group[(6 + k) * stride + g] = ways[k];
+  }
+  for (int b = 0; b < s.blocks; ++b)
+    if (s.at[b] >= 0) centre(s.going.data() + b, s.blocks);
+}
+
+// A bit for every lane in which a < b.
+template <class T>
+inline unsigned less(const V<T>& a, const V<T>& b) {
+#if defined(__AVX512F__)
+  if constexpr (sizeof(T) == 4)
+    return _mm512_cmp_ps_mask((__m512)a, (__m512)b, _CMP_LT_OQ);
+  else
+    return _mm512_cmp_pd_mask((__m512d)a, (__m512d)b, _CMP_LT_OQ);
+#elif defined(__AVX2__)
+  if constexpr (sizeof(T) == 4)
+    return unsigned(_mm256_movemask_ps((__m256)(a < b)));
+  else
+    return unsigned(_mm256_movemask_pd((__m256d)(a < b)));
+#elif defined(__SSE2__)
+  if constexpr (sizeof(T) == 4)
+    return unsigned(_mm_movemask_ps((__m128)(a < b)));
+  else
+    return unsigned(_mm_movemask_pd((__m128d)(a < b)));
+#else
+  unsigned found = 0;
+  for (int k = 0; k < kLanes<T>; ++k) found |= unsigned(a[k] < b[k]) << k;
+  return found;
+#endif
+}
+
+// Which of a vector of boxes, planes `stride` apart, come nearer than reach to box a, whose numbers are `step` apart.
+template <class T>
+inline unsigned meet(const T* a, std::size_t step, const V<T>& reach, const T* b, std::size_t stride) {
+  unsigned near = ~0u;
+  for (int k = 0; k < 3; ++k)
+    near &= less<T>(load(b + k * stride) - reach, V<T>{} + a[(3 + k) * step]) &
+            less<T>(V<T>{} + a[k * step], load(b + (3 + k) * stride) + reach);
+  return near;
+}
+
+// Whether blocks beside each other, or one alone, are so flat that their cells do not meet.
+template <class T>
+bool flat(const Sweep<T>& s, int a, int b) {
+  T length = 0, spread = 0, axis[3];
+  for (int k = 0; k < 3; ++k) {
+    const std::size_t i = std::size_t(k) * s.blocks, j = std::size_t(3 + k) * s.blocks;
+    const T lo = lesser(s.cone[i + a], s.cone[i + b]), hi = greater(s.cone[j + a], s.cone[j + b]);
+    if (lo > hi) return true;
+    axis[k] = (lo + hi) / 2, length += axis[k] * axis[k], spread += (hi - lo) * (hi - lo) / 4;
+  }
+  length = std::sqrt(length);
+  if (length - std::sqrt(spread) > T(kFlat)) return true;
+  if (length < T(kFlat)) return false;
+  const T *const x = s.normal.data(), *const y = x + s.plane, *const z = y + s.plane, least = T(kFlat) * length;
+  const int across = s.periodic ? s.cols : s.cols - 1;
+  for (const int block : {a, b}) {
+    const int first = s.at[block], rows = std::min(kSide, s.rows - 1 - s.row[first]);
+    const int cols = std::min(kSide, across - s.col[first]);
+    for (int r = 0; r < rows; ++r)
+      for (int c = 0; c < cols; ++c) {
+        const int i = first + r * s.cols + c;
+        if (axis[0] * x[i] + axis[1] * y[i] + axis[2] * z[i] < least) return false;
+      }
+  }
+  return true;
+}
+
+// Whether cells i and j lie at most `apart` cells from each other in the grid.
+template <class T>
+inline bool beside(const Sweep<T>& s, int i, int j, int apart) {
+  const int dr = std::abs(s.row[i] - s.row[j]);
+  int dc = std::abs(s.col[i] - s.col[j]);
+  if (s.periodic) dc = std::min(dc, s.cols - dc);
+  return dr <= apart && dc <= apart;
+}
+
+// How far two bodies of points go towards each other: |centre - centre| + half + half, of ways as `centre` leaves them.
+template <class T>
+inline V<T> approach(const T* a, std::size_t step, const T* b, std::size_t stride) {
+  V<T> square = V<T>{} + tiny<T>;
+  for (int k = 0; k < 3; ++k) {
+    const V<T> d = load(b + k * stride) - a[k * step];
+    square += d * d;
+  }
+  return square * rsqrt(square) + (load(b + 3 * stride) + a[3 * step]);
+}
+
+template <class T>
+void blocks(Sweep<T>& s, T reach) {
+  constexpr int n = kLanes<T>;
+  const std::size_t stride = s.group.size() / 10;
+  const int beside_reach = kSide + (s.periodic ? kSide - 1 : 0);
+  s.close_blocks.clear(), s.spans.clear();
+  for (int g = 0; g < s.groups; ++g)
+    for (int from = g / n * n; from < s.groups; from += n) {
+      const T *const mine = s.group.data() + g, *const others = s.group.data() + from;
+      const V<T> wide = reach + approach(mine + 6 * stride, stride, others + 6 * stride, stride);
+      for (unsigned groups = meet<T>(mine, stride, wide, others, stride); groups; groups &= groups - 1) {
+        const int h = from + __builtin_ctz(groups);
+        if (h < g || h >= s.groups) continue;
+        unsigned some = 0;
+        for (int k = 0; k < kCells; k += n) {
+          const std::size_t i = g * kCells + k;
+          const V<T> span = reach + approach(s.group.data() + h + 6 * stride, stride, s.going.data() + i, s.blocks);
+          some |= meet<T>(s.group.data() + h, stride, span, s.box.data() + i, s.blocks) << k;
+        }
+        for (; some; some &= some - 1) {
+          const int a = g * kCells + __builtin_ctz(some);
+          if (s.at[a] < 0) continue;
+          for (int k = 0; k < kCells; k += n) {
+            const std::size_t i = h * kCells + k;
+            const V<T> span = reach + approach(s.going.data() + a, s.blocks, s.going.data() + i, s.blocks);
+            for (unsigned found = meet<T>(s.box.data() + a, s.blocks, span, s.box.data() + i, s.blocks); found;
+                 found &= found - 1) {
+              const int l = __builtin_ctz(found), b = int(i) + l;
+              if (b < a || s.at[b] < 0 || (beside(s, s.at[a], s.at[b], beside_reach) && flat(s, a, b))) continue;
+              s.close_blocks.push_back({a, b}), s.spans.push_back(span[l]);
+            }
+          }
+        }
+      }
+    }
+}
+
+}  // namespace
+}  // namespace LANES
+}  // namespace minicloth

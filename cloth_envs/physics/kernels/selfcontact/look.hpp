@@ -1,0 +1,78 @@
+// When to look at close parts again, and how far vertices strayed. Included where it is compiled for an instruction set.
+#pragma once
+#include <algorithm>
+
+#include "distance.hpp"
+#include "near.hpp"
+
+namespace minicloth {
+namespace LANES {
+namespace {
+
+template <class T>
+inline V<T> gather(const T* base, const int* at) {
+  V<T> v;
+  for (int k = 0; k < kLanes<T>; ++k) v[k] = base[at[k]];
+  return v;
+}
+#if defined(__AVX512F__)
+template <>
+inline V<float> gather(const float* base, const int* at) {
+  return (V<float>)_mm512_i32gather_ps(_mm512_loadu_si512(at), base, 4);
+}
+#elif defined(__AVX2__)
+template <>
+inline V<float> gather(const float* base, const int* at) {
+  return (V<float>)_mm256_i32gather_ps(base, _mm256_loadu_si256((const __m256i*)at), 4);
+}
+#endif
+
+template <class T>
+void look(const T* x, const T* v, int width, const int (*parts)[4], const int* which, int count, bool edges,
+          const Looking<T>& how, std::uint8_t* wait) {
+  constexpr int n = kLanes<T>;
+  const V<T> none = {}, one = none + T(1), most = none + T(kMostSteps);
+  const T rate = 1 / how.h;
+  for (int first = 0; first < count; first += n) {
+    alignas(64) int at[4][n];
+    for (int l = 0; l < n; ++l) {
+      const int(&part)[4] = parts[which[std::min(first + l, count - 1)]];
+      for (int q = 0; q < 4; ++q) at[q][l] = part[q];
+    }
+    V3<T> p[4], w[4];
+    for (int q = 0; q < 4; ++q) {
+      p[q] = {gather<T>(x, at[q]), gather<T>(x + width, at[q]), gather<T>(x + 2 * width, at[q])};
+      w[q] = {gather<T>(v, at[q]), gather<T>(v + width, at[q]), gather<T>(v + 2 * width, at[q])};
+    }
+    const Nearest<T> near = edges ? of_edges<T>(p[0], p[1], p[2], p[3]) : of_triangle<T>(p[0], p[1], p[2], p[3]);
+    const V3<T> d = apart(near, p[0], p[1], p[2], p[3]), u = apart(near, w[0], w[1], w[2], w[3]);
+    const V<T> d2 = dot(d, d) + tiny<T>, inverse = rsqrt(d2), far = d2 * inverse, un = inverse * dot(u, d);
+    const V<T> closing = un < none ? -un : none, room = far - how.danger;
+    V<T> steps = (rate * room) / (closing + how.haste);
+    steps = steps < one ? one : (steps > most ? most : steps);
+    const V<T> gap = far - how.reach;
+    const auto act = gap < closing * (how.h * steps);
+    for (int l = 0; l < n && first + l < count; ++l) wait[first + l] = std::uint8_t(int(steps[l]) | (act[l] ? kAct : 0));
+  }
+}
+
+template <class T>
+void drift(const T* x, const T* x0, const T* v0, int rows, int cols, std::ptrdiff_t stride, const T* since, T* most) {
+  constexpr int n = kLanes<T>, q = 3 * n;
+  const V<T> t = load(since);
+  V<T> high = {};
+  for (int r = 0; r < rows; ++r, x += stride, x0 += stride, v0 += stride)
+    for (int i = 0; i < cols * q; i += q) {
+      V<T> d2 = {};
+      for (int k = 0; k < q; k += n) {
+        const V<T> d = load(x + i + k) - (load(x0 + i + k) + t * load(v0 + i + k));
+        d2 += d * d;
+      }
+      high = d2 > high ? d2 : high;
+    }
+  store<T>(most, high);
+}
+
+}  // namespace
+}  // namespace LANES
+}  // namespace minicloth
