@@ -30,7 +30,7 @@ template <class T>
 void row_of_normals(Sweep<T>& s, int r, int c0, int c1, int right, T unit) {
   const std::size_t first = std::size_t(r) * s.cols;
   const int down = s.cols, corner = right + down;
-  const T *const X = s.x.data() + first, *const Y = X + s.plane, *const Z = Y + s.plane;
+  const T *const X = s.now.data() + first, *const Y = X + s.plane, *const Z = Y + s.plane;
   T *const nx = s.normal.data() + first, *const ny = nx + s.plane, *const nz = ny + s.plane;
 #pragma GCC ivdep
   for (int c = c0; c < c1; ++c) {
@@ -103,42 +103,25 @@ void to_blocks(const Sweep<T>& s, const T* plane, int rows, int cols, int more, 
   }
 }
 
-// A box of ways, lo and hi in planes, becomes its middle and half its diagonal.
-template <class T>
-inline void centre(T* ways, std::size_t stride) {
-  T spread = 0;
-  for (int k = 0; k < 3; ++k) {
-    T& lo = ways[k * stride];
-    const T hi = ways[(3 + k) * stride], half = (hi - lo) / 2;
-    lo = (lo + hi) / 2, spread += half * half;
-  }
-  ways[3 * stride] = std::sqrt(spread);
-}
-
 template <class T>
 void boxes(Sweep<T>& s, T cell_area) {
   normals(s, cell_area);
   const int across = s.periodic ? s.cols : s.cols - 1;
   for (int k = 0; k < 3; ++k) {
-    const std::size_t lo = std::size_t(k) * s.blocks, hi = std::size_t(3 + k) * s.blocks, from = k * s.plane;
-    to_blocks(s, s.x.data() + from, s.rows, s.cols, 1, s.box.data() + lo, s.box.data() + hi);
-    to_blocks(s, s.way.data() + from, s.rows, s.cols, 1, s.going.data() + lo, s.going.data() + hi);
-    to_blocks(s, s.normal.data() + from, s.rows - 1, across, 0, s.cone.data() + lo, s.cone.data() + hi);
+    T *const box = s.box.data() + std::size_t(k) * s.blocks, *const cone = s.cone.data() + std::size_t(k) * s.blocks;
+    const std::size_t from = k * s.plane, three = std::size_t(3) * s.blocks;
+    to_blocks(s, s.now.data() + from, s.rows, s.cols, 1, box, box + three);
+    to_blocks(s, s.then.data() + from, s.rows, s.cols, 1, box + 2 * three, box + 3 * three);
+    to_blocks(s, s.normal.data() + from, s.rows - 1, across, 0, cone, cone + three);
   }
-  const std::size_t stride = s.group.size() / 10;
-  for (int g = 0; g < s.groups; ++g) {
-    T ways[6];
-    for (int k = 0; k < 12; ++k) {
-      const T* const from = (k < 6 ? s.box : s.going).data() + std::size_t(k % 6) * s.blocks + g * kCells;
+  const std::size_t stride = s.group.size() / kBox;
+  for (int g = 0; g < s.groups; ++g)
+    for (int k = 0; k < kBox; ++k) {
+      const T* const from = s.box.data() + std::size_t(k) * s.blocks + g * kCells;
       T v = from[0];
-      for (int i = 1; i < kCells; ++i) v = k % 6 < 3 ? lesser(v, from[i]) : greater(v, from[i]);
-      (k < 6 ? s.group[k * stride + g] : ways[k - 6]) = v;
+      for (int i = 1; i < kCells; ++i) v = k / 3 % 2 ? greater(v, from[i]) : lesser(v, from[i]);
+      s.group[k * stride + g] = v;
     }
-    centre(ways, 1);
-    for (int k = 0; k < 4; ++k) s.group[(6 + k) * stride + g] = ways[k];
-  }
-  for (int b = 0; b < s.blocks; ++b)
-    if (s.at[b] >= 0) centre(s.going.data() + b, s.blocks);
 }
 
 // A bit for every lane in which a < b.
@@ -166,13 +149,17 @@ inline unsigned less(const V<T>& a, const V<T>& b) {
 #endif
 }
 
-// Which of a vector of boxes, planes `stride` apart, come nearer than reach to box a, whose numbers are `step` apart.
+// Which of a vector of boxes, planes `stride` apart, come nearer than reach to box a, whose numbers are `step` apart: as
+// points go straight, a gap along an axis is never less than the lesser one of now and later.
 template <class T>
-inline unsigned meet(const T* a, std::size_t step, const V<T>& reach, const T* b, std::size_t stride) {
+inline unsigned meet(const T* a, std::size_t step, T reach, const T* b, std::size_t stride) {
   unsigned near = ~0u;
-  for (int k = 0; k < 3; ++k)
-    near &= less<T>(load(b + k * stride) - reach, V<T>{} + a[(3 + k) * step]) &
-            less<T>(V<T>{} + a[k * step], load(b + (3 + k) * stride) + reach);
+  for (int k = 0; k < 3; ++k) {
+    const auto mine = [&](int i) { return V<T>{} + (a[(k + i) * step] + (i / 3 % 2 ? reach : -reach)); };
+    const auto other = [&](int i) { return load(b + (k + i) * stride); };
+    near &= (less<T>(other(0), mine(3)) | less<T>(other(6), mine(9))) &
+            (less<T>(mine(0), other(3)) | less<T>(mine(6), other(9)));
+  }
   return near;
 }
 
@@ -212,52 +199,33 @@ inline bool beside(const Sweep<T>& s, int i, int j, int apart) {
   return dr <= apart && dc <= apart;
 }
 
-// How far two bodies of points go towards each other: |centre - centre| + half + half, of ways as `centre` leaves them.
-template <class T>
-inline V<T> approach(const T* a, std::size_t step, const T* b, std::size_t stride) {
-  V<T> square = V<T>{} + tiny<T>;
-  for (int k = 0; k < 3; ++k) {
-    const V<T> d = load(b + k * stride) - a[k * step];
-    square += d * d;
-  }
-  return square * rsqrt(square) + (load(b + 3 * stride) + a[3 * step]);
-}
-
 template <class T>
 void blocks(Sweep<T>& s, T reach) {
   constexpr int n = kLanes<T>;
-  const std::size_t stride = s.group.size() / 10;
-  const int beside_reach = kSide + (s.periodic ? kSide - 1 : 0);
-  s.close_blocks.clear(), s.spans.clear();
+  const std::size_t stride = s.group.size() / kBox;
+  const int next = kSide + (s.periodic ? kSide - 1 : 0);
+  s.close_blocks.clear();
   for (int g = 0; g < s.groups; ++g)
-    for (int from = g / n * n; from < s.groups; from += n) {
-      const T *const mine = s.group.data() + g, *const others = s.group.data() + from;
-      const V<T> wide = reach + approach(mine + 6 * stride, stride, others + 6 * stride, stride);
-      for (unsigned groups = meet<T>(mine, stride, wide, others, stride); groups; groups &= groups - 1) {
+    for (int from = g / n * n; from < s.groups; from += n)
+      for (unsigned groups = meet(s.group.data() + g, stride, reach, s.group.data() + from, stride); groups;
+           groups &= groups - 1) {
         const int h = from + __builtin_ctz(groups);
         if (h < g || h >= s.groups) continue;
         unsigned some = 0;
-        for (int k = 0; k < kCells; k += n) {
-          const std::size_t i = g * kCells + k;
-          const V<T> span = reach + approach(s.group.data() + h + 6 * stride, stride, s.going.data() + i, s.blocks);
-          some |= meet<T>(s.group.data() + h, stride, span, s.box.data() + i, s.blocks) << k;
-        }
+        for (int k = 0; k < kCells; k += n)
+          some |= meet(s.group.data() + h, stride, reach, s.box.data() + g * kCells + k, s.blocks) << k;
         for (; some; some &= some - 1) {
           const int a = g * kCells + __builtin_ctz(some);
           if (s.at[a] < 0) continue;
-          for (int k = 0; k < kCells; k += n) {
-            const std::size_t i = h * kCells + k;
-            const V<T> span = reach + approach(s.going.data() + a, s.blocks, s.going.data() + i, s.blocks);
-            for (unsigned found = meet<T>(s.box.data() + a, s.blocks, span, s.box.data() + i, s.blocks); found;
+          for (int k = h * kCells; k < (h + 1) * kCells; k += n)
+            for (unsigned found = meet(s.box.data() + a, s.blocks, reach, s.box.data() + k, s.blocks); found;
                  found &= found - 1) {
-              const int l = __builtin_ctz(found), b = int(i) + l;
-              if (b < a || s.at[b] < 0 || (beside(s, s.at[a], s.at[b], beside_reach) && flat(s, a, b))) continue;
-              s.close_blocks.push_back({a, b}), s.spans.push_back(span[l]);
+              const int b = k + __builtin_ctz(found);
+              if (b < a || s.at[b] < 0 || (beside(s, s.at[a], s.at[b], next) && flat(s, a, b))) continue;
+              s.close_blocks.push_back({a, b});
             }
-          }
         }
       }
-    }
 }
 
 }  // namespace

@@ -15,23 +15,18 @@ namespace {
 template <class T>
 void record(Sweep<T>& s, int cell) {
   T* const to = s.records.data() + std::size_t(kRecord) * cell;
-  const int at[4] = {s.corner[0][cell], s.corner[1][cell], s.corner[2][cell], s.corner[3][cell]};
-  T ways[6];
-  for (int k = 0; k < 3; ++k) {
-    const T *const x = s.x.data() + k * s.plane, *const w = s.way.data() + k * s.plane;
-    for (int q = 0; q < 4; ++q) to[3 * q + k] = x[at[q]];
-    ways[k] = lesser(lesser(w[at[0]], w[at[1]]), lesser(w[at[2]], w[at[3]]));
-    ways[3 + k] = greater(greater(w[at[0]], w[at[1]]), greater(w[at[2]], w[at[3]]));
-  }
-  centre(ways, 1);
-  std::copy_n(ways, 4, to + 12);
+  for (int q = 0; q < 4; ++q)
+    for (int k = 0; k < 3; ++k) {
+      const std::size_t at = k * s.plane + s.corner[q][cell];
+      to[3 * q + k] = s.now[at], to[12 + 3 * q + k] = s.then[at];
+    }
 }
 
 // The boxes of a block's cells side by side; where there are none they are empty.
 template <class T>
 const T* slots(Sweep<T>& s, int block) {
   typedef T Four __attribute__((vector_size(4 * sizeof(T))));
-  T* const to = s.slots.data() + std::size_t(block) * 10 * kCells;
+  T* const to = s.slots.data() + std::size_t(block) * kBox * kCells;
   if (s.filled[block]) return to;
   s.filled[block] = 1;
   const int first = s.at[block], rows = std::min(kSide, s.rows - s.row[first]);
@@ -40,9 +35,7 @@ const T* slots(Sweep<T>& s, int block) {
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < cols; ++c) {
       level |= unsigned(s.even[first + r * s.cols + c] > T(0)) << (r * kSide + c);
-      const int cell = first + r * s.cols + c;
-      record(s, cell);
-      for (int k = 0; k < 4; ++k) to[(6 + k) * kCells + r * kSide + c] = s.records[std::size_t(kRecord) * cell + 12 + k];
+      record(s, first + r * s.cols + c);
     }
   s.level[block] = std::uint16_t(level);
   const auto four = [](const T* p) {
@@ -53,9 +46,9 @@ const T* slots(Sweep<T>& s, int block) {
   const int across = s.corner[1][first + cols - 1] - (first + cols - 1);
   for (int r = 0; r < kSide; ++r) {
     const int cell = first + std::min(r, rows - 1) * s.cols, down = s.corner[2][cell] - cell;
-    for (int k = 0; k < 3; ++k) {
-      const T* const x = s.x.data() + k * s.plane + cell;
-      T *const lo = to + k * kCells + r * kSide, *const hi = lo + 3 * kCells;
+    for (int k = 0; k < 6; ++k) {
+      const T* const x = (k < 3 ? s.now : s.then).data() + k % 3 * s.plane + cell;
+      T *const lo = to + (k + k / 3 * 3) * kCells + r * kSide, *const hi = lo + 3 * kCells;
       const Four p = four(x), q = four(x + 1), u = four(x + down), v = four(x + down + 1);
       const Four pl = p < q ? p : q, ul = u < v ? u : v, ph = p > q ? p : q, uh = u > v ? u : v;
       const Four low = pl < ul ? pl : ul, high = ph > uh ? ph : uh;
@@ -91,14 +84,12 @@ void cells(Sweep<T>& s, T reach) {
   static const Around around;
   std::fill(s.filled.begin(), s.filled.end(), 0);
   s.close_cells.clear();
-  for (std::size_t p = 0; p < s.close_blocks.size(); ++p) {
-    const auto [a, b] = s.close_blocks[p];
-    const V<T> span = V<T>{} + s.spans[p];
+  for (const auto& [a, b] : s.close_blocks) {
     const T *const first = slots(s, a), *const second = slots(s, b);
     unsigned some = 0, those = 0;
-    for (int k = 0; k < kCells; k += n) some |= meet<T>(s.box.data() + b, s.blocks, span, first + k, kCells) << k;
+    for (int k = 0; k < kCells; k += n) some |= meet(s.box.data() + b, s.blocks, reach, first + k, kCells) << k;
     for (int k = 0; some && k < kCells; k += n)
-      those |= meet<T>(s.box.data() + a, s.blocks, span, second + k, kCells) << k;
+      those |= meet(s.box.data() + a, s.blocks, reach, second + k, kCells) << k;
     if (!those) continue;
     const int dr = (s.row[s.at[b]] - s.row[s.at[a]]) / kSide, dc = (s.col[s.at[b]] - s.col[s.at[a]]) / kSide;
     const std::uint16_t* const beside_it =
@@ -110,10 +101,7 @@ void cells(Sweep<T>& s, T reach) {
       if (beside_it && s.level[a] >> i & 1) wanted &= ~unsigned(beside_it[i] & s.level[b]);
       if (!wanted) continue;
       unsigned found = 0;
-      for (int k = 0; k < kCells; k += n) {
-        const V<T> near = reach + approach(first + 6 * kCells + i, kCells, second + 6 * kCells + k, kCells);
-        found |= meet<T>(first + i, kCells, near, second + k, kCells) << k;
-      }
+      for (int k = 0; k < kCells; k += n) found |= meet(first + i, kCells, reach, second + k, kCells) << k;
       for (found &= wanted; found; found &= found - 1) {
         const int j = __builtin_ctz(found), to = s.at[b] + j / kSide * s.cols + j % kSide;
         if (s.periodic && lesser(s.even[at], s.even[to]) > T(0) && beside(s, at, to, kApart)) continue;
@@ -152,46 +140,50 @@ __attribute__((always_inline)) inline void transpose(const T* const (&from)[kLan
   }
 }
 
-// The corners of n pairs of cells, those of the second half after those of the first, and how far they go towards each
-// other.
+// The corners of n pairs of cells, now and later: those of the first, then of the second cell.
 template <class T>
 struct Pairs {
-  V3<T> x[2][4];
-  V<T> going;
+  V3<T> now[2][4], then[2][4];
 };
 template <class T>
 inline void get_pairs(const Sweep<T>& s, const int* which, int count, Pairs<T>& to) {
   constexpr int n = kLanes<T>;
-  V<T> field[2][kRecord];
   for (int half = 0; half < 2; ++half) {
     const T* from[n];
     for (int l = 0; l < n; ++l) {
       const auto& pair = s.close_cells[which[std::min(l, count - 1)]];
       from[l] = s.records.data() + std::size_t(kRecord) * (half ? pair.second : pair.first);
     }
-    transpose<T>(from, field[half]);
-    for (int q = 0; q < 4; ++q) to.x[half][q] = {field[half][3 * q], field[half][3 * q + 1], field[half][3 * q + 2]};
+    V<T> field[kRecord];
+    transpose<T>(from, field);
+    for (int q = 0; q < 4; ++q) {
+      to.now[half][q] = {field[3 * q], field[3 * q + 1], field[3 * q + 2]};
+      to.then[half][q] = {field[12 + 3 * q], field[13 + 3 * q], field[14 + 3 * q]};
+    }
   }
-  const V3<T> way = {field[0][12] - field[1][12], field[0][13] - field[1][13], field[0][14] - field[1][14]};
-  const V<T> square = dot(way, way) + tiny<T>;
-  to.going = square * rsqrt(square) + (field[0][15] + field[1][15]);
 }
 
-// How far a cell's plane, give or take how far the cell is from it, lies from the corners of another on one side of it;
-// less than 0 where they lie on both.
-template <class T>
-inline V<T> clear(const V3<T> (&cell)[4], const V3<T> (&other)[4]) {
-  const V3<T> up = cross(cell[3] - cell[0], cell[1] - cell[2]);
-  const V<T> n2 = dot(up, up) + tiny<T>, inverse = rsqrt(n2);
-  const V3<T> n = inverse * up, sum = (cell[0] + cell[3]) + (cell[1] + cell[2]);
-  const V<T> level = T(0.25) * dot(n, sum), bend = T(0.25) * dot(n, (cell[0] + cell[3]) - (cell[1] + cell[2]));
-  V<T> lo = dot(n, other[0]), hi = lo;
-  for (int q = 1; q < 4; ++q) {
-    const V<T> h = dot(n, other[q]);
-    lo = h < lo ? h : lo, hi = h > hi ? h : hi;
+template <class T, int count>
+inline void range(const V3<T>& axis, const V3<T> (&x)[count], V<T>* lo, V<T>* hi) {
+  *lo = *hi = dot(axis, x[0]);
+  for (int q = 1; q < count; ++q) {
+    const V<T> h = dot(axis, x[q]);
+    *lo = h < *lo ? h : *lo, *hi = h > *hi ? h : *hi;
   }
-  const V<T> above = lo - level, below = level - hi, most = above > below ? above : below;
-  return most - (bend < T(0) ? -bend : bend);
+}
+
+// The least gap between two cells along the normal of one of them, while their corners go straight; below 0: none.
+template <class T>
+inline V<T> gap(const Pairs<T>& p, int half) {
+  const V3<T>(&x)[4] = p.now[half];
+  const V3<T> up = cross(x[3] - x[0], x[1] - x[2]), n = rsqrt(dot(up, up) + tiny<T>) * up;
+  V<T> lo[2][2], hi[2][2];  // [of the cell and the other][now, later]
+  range(n, p.now[half], &lo[0][0], &hi[0][0]), range(n, p.then[half], &lo[0][1], &hi[0][1]);
+  range(n, p.now[1 - half], &lo[1][0], &hi[1][0]), range(n, p.then[1 - half], &lo[1][1], &hi[1][1]);
+  const auto least = [](const V<T>& a, const V<T>& b) { return a < b ? a : b; };
+  const V<T> above = least(lo[1][0] - hi[0][0], lo[1][1] - hi[0][1]);
+  const V<T> below = least(lo[0][0] - hi[1][0], lo[0][1] - hi[1][1]);
+  return above > below ? above : below;
 }
 
 template <class T>
@@ -207,7 +199,7 @@ void parts(const Sweep<T>& s, const Looking<T>& vertices, const Looking<T>& edge
   auto now=[]{timespec t; clock_gettime(CLOCK_THREAD_CPUTIME_ID,&t); return t.tv_sec+1e-9*t.tv_nsec;}; double t0=now();
   for (int first = 0; first < count; first += n) {
     get_pairs(s, all.data() + first, count - first, p);
-    const V<T> a = clear<T>(p.x[0], p.x[1]), b = clear<T>(p.x[1], p.x[0]), apart = (a > b ? a : b) - p.going;
+    const V<T> a = gap(p, 0), b = gap(p, 1), apart = a > b ? a : b;
     const unsigned near = less<T>(apart, V<T>{} + (vertices.reach + skin));
     const unsigned nearer = less<T>(apart, V<T>{} + (edges.reach + skin));
     for (int l = 0; l < n && first + l < count; ++l) {
@@ -217,20 +209,22 @@ void parts(const Sweep<T>& s, const Looking<T>& vertices, const Looking<T>& edge
   }
   double t1=now(); dbg_t[0]=std::min(dbg_t[0],t1-t0); dbg_t[4]=with_vertices.size(); dbg_t[5]=with_edges.size();
   const V<T> one = V<T>{} + T(1), most = V<T>{} + T(kMostSteps);
-  // Parts k to k + many of the pairs in `list`, of which distance(p, i) is the i-th.
-  const auto tests = [&](const std::vector<int>& list, const Looking<T>& how, int k, int many, const auto& distance) {
+  // Parts k to k + many of the pairs in `list`. What of(i) says about the i-th: its Nearest, and its four points now and
+  // later. Along the line between the nearest points now, the gap is never less than the lesser of now and later.
+  const auto tests = [&](const std::vector<int>& list, const Looking<T>& how, int k, int many, const auto& of) {
+    const V<T> limit = V<T>{} + (how.reach + skin), steps_in_time = V<T>{} + time / how.h;
     for (int first = 0; first < int(list.size()); first += n) {
       const int left = int(list.size()) - first;
       get_pairs(s, list.data() + first, left, p);
-      const V<T> limit = p.going + (how.reach + skin), limit2 = limit * limit;
-      const V<T> rate = reciprocal(p.going * (how.h / time) + how.haste * how.h);
       for (int i = 0; i < many; ++i) {
-        const V3<T> d = distance(i);
-        const V<T> d2 = dot(d, d) + tiny<T>;
-        unsigned found = less<T>(d2, limit2);
+        const auto [d, later] = of(i);
+        const V<T> d2 = dot(d, d) + tiny<T>, inverse = rsqrt(d2), now = d2 * inverse, then = inverse * later;
+        unsigned found = less<T>(now < then ? now : then, limit);
         if (left < n) found &= (1u << left) - 1;
         if (!found) continue;
-        const V<T> w = (d2 * rsqrt(d2) - how.danger) * rate, steps = w < one ? one : (w > most ? most : w);
+        const V<T> closing = now > then ? now - then : V<T>{};
+        const V<T> w = (now - how.danger) * steps_in_time * reciprocal(closing + how.haste * time);
+        const V<T> steps = w < one ? one : (w > most ? most : w);
         for (; found; found &= found - 1) {
           const int l = __builtin_ctz(found);
           std::uint8_t* const to = wait[list[first + l]];
@@ -239,16 +233,24 @@ void parts(const Sweep<T>& s, const Looking<T>& vertices, const Looking<T>& edge
       }
     }
   };
+  struct Apart {
+    V3<T> now;
+    V<T> later;  // times the distance now
+  };
   tests(with_vertices, vertices, 0, kVertexParts, [&](int i) __attribute__((always_inline)) {
-    const V3<T>&v = p.x[i / 2][0], (&t)[4] = p.x[1 - i / 2], &b = t[i % 2 ? 3 : 2], &c = t[i % 2 ? 1 : 3];
-    return apart(of_triangle<T>(v, t[0], b, c), v, t[0], b, c);
+    const int half = i / 2, b = i % 2 ? 3 : 2, c = i % 2 ? 1 : 3;
+    const V3<T>&v = p.now[half][0], (&t)[4] = p.now[1 - half], (&u)[4] = p.then[1 - half];
+    const V3<T> d = apart(of_triangle<T>(v, t[0], t[b], t[c]), v, t[0], t[b], t[c]);
+    const V<T> e = dot(d, u[0]), f = dot(d, u[b]), g = dot(d, u[c]), ef = e > f ? e : f;
+    return Apart{d, dot(d, p.then[half][0]) - (ef > g ? ef : g)};
   });
-  double t2=now(); dbg_t[1]=std::min(dbg_t[1],t2-t1);
   tests(with_edges, edges, kVertexParts, kParts - kVertexParts, [&](int i) __attribute__((always_inline)) {
-    const V3<T>&a = p.x[0][0], &b = p.x[0][i / 3 + 1], &c = p.x[1][0], &d = p.x[1][i % 3 + 1];
-    return apart(of_edges<T>(a, b, c, d), a, b, c, d);
+    const int b = i / 3 + 1, c = i % 3 + 1;
+    const V3<T>(&t)[4] = p.now[0], (&u)[4] = p.now[1], (&t1)[4] = p.then[0], (&u1)[4] = p.then[1];
+    const V3<T> d = apart(of_edges<T>(t[0], t[b], u[0], u[c]), t[0], t[b], u[0], u[c]);
+    const V<T> e = dot(d, t1[0]), f = dot(d, t1[b]), g = dot(d, u1[0]), h = dot(d, u1[c]);
+    return Apart{d, (e < f ? e : f) - (g > h ? g : h)};
   });
-  dbg_t[2]=std::min(dbg_t[2],now()-t2);
 }
 
 }  // namespace

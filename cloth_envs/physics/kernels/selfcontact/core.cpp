@@ -10,7 +10,7 @@ double dbg_t[8];
 extern "C" __attribute__((visibility("default"))) double* minicloth_dbg() { return dbg_t; }
 namespace minicloth {
 SelfStats self_stats;
-double self_tune[16] = {0.5, 4, 32, 0.5, 0.3, 1};
+double self_tune[16] = {1, 4, 32, 0.5, 0.3, 5, .1};
 long self_hist[20]; double self_min[4];
 static double now_s() { timespec t; clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t); return t.tv_sec + 1e-9 * t.tv_nsec; }
 
@@ -20,7 +20,7 @@ namespace {
 #define kSearch int(self_tune[2])   // steps after which what may come close is searched for anew, at the latest
 #define kSkin T(self_tune[3])       // layers, how far a vertex may be from where it was going until then
 #define kPush T(self_tune[4])       // of what is missing, how much a step makes up for
-#define kAhead T(0)
+#define kCap T(self_tune[6])
 #define kHaste T(self_tune[5])      // m/s, what speeds may change by until a pair is looked at again
 
 constexpr int kPart[3] = {1, 2, 3};  // ends of the edges of a cell: right, below, diagonal
@@ -51,14 +51,6 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
     search();
     double t0 = now_s();
     strayed(); self_min[3] = std::min(self_min[3], now_s() - t0);
-    for (int e = 0; e < 2; ++e) {
-      auto& all = due_[e][now_];
-      wait_.resize(all.size());
-      const Looking<T> how = {e ? kEdges * layer_ : layer_, (e ? kEdges * layer_ : layer_) / 2, kHaste, h_};
-      t0 = now_s();
-      lanes<NearLanes<T>>().look(f_.x, f_.v, s.width, reinterpret_cast<const int(*)[4]>(parts_.data()), all.data(), int(all.size()), e, how, wait_.data());
-      self_min[1 + e] = std::min(self_min[1 + e], now_s() - t0);
-    }
   }
 }
 
@@ -71,9 +63,9 @@ void SelfContact<T>::search() {
   std::copy_n(f_.x, s.field, x0_.data()), std::copy_n(f_.v, s.field, v0_.data());
   const T time = h_ * T(kSearch + kEvery);
   for (int k = 0; k < 3; ++k) {
-    T *const to = sweep_.x.data() + k * sweep_.plane, *const way = sweep_.way.data() + k * sweep_.plane;
+    T *const now = sweep_.now.data() + k * sweep_.plane, *const then = sweep_.then.data() + k * sweep_.plane;
     const T *const x = f_.x + k * s.width + member_, *const v = f_.v + k * s.width + member_;
-    for (int i = 0; i < n; ++i) to[i] = x[s.places[i]], way[i] = time * v[s.places[i]];
+    for (int i = 0; i < n; ++i) now[i] = x[s.places[i]], then[i] = now[i] + time * v[s.places[i]];
   }
   double t1=now_s(); self_tune[10]=std::min(self_tune[10],t1-t0);
   const T skin = 2 * kSkin * layer_;
@@ -84,10 +76,10 @@ void SelfContact<T>::search() {
   first_.resize(pairs.size());
   const Looking<T> of[2] = {{layer_, layer_ / 2, kHaste, h_}, {kEdges * layer_, kEdges * layer_ / 2, kHaste, h_}};
   near.parts(sweep_, of[0], of[1], skin, time, reinterpret_cast<std::uint8_t(*)[kParts + 2]>(first_.data()));
-  double t5=now_s(); self_tune[14]=std::min(self_tune[14],t5-t4); parts_.clear();
+  double t5=now_s(); self_tune[14]=std::min(self_tune[14],t5-t4); parts_.clear(), side_.clear();
   for (auto& kind : due_)
     for (auto& due : kind) due.clear();
-  parts_.clear();
+  parts_.clear(), side_.clear();
   for (auto& kind : due_)
     for (auto& due : kind) due.clear();
   for (const bool edges : {false, true}) {
@@ -113,7 +105,7 @@ void SelfContact<T>::search() {
         }
         if (none) continue;
         due_[edges][(now_ + wait - 1) % (kMostSteps + 1)].push_back(int(parts_.size()));
-        parts_.push_back(x);
+        parts_.push_back(x), side_.push_back({});
       }
     }
     if (!edges) edges_ = int(parts_.size());
@@ -141,13 +133,13 @@ template <class T>
 void SelfContact<T>::step() {
   ++since_;
   double t0 = now_s();
-  const bool again = since_ >= kSearch || (since_ % kEvery == 0 && strayed());
-  self_stats.drift += now_s() - t0;
-  if (again) search();
-  t0 = now_s();
   for (const bool edges : {false, true}) look(edges, due_[edges][now_]);
   now_ = (now_ + 1) % (kMostSteps + 1);
   self_stats.resolve += now_s() - t0, self_stats.checks++;
+  t0 = now_s();
+  const bool again = since_ >= kSearch || (since_ % kEvery == 0 && strayed());
+  self_stats.drift += now_s() - t0;
+  if (again) search();
 }
 
 template <class T>
@@ -159,7 +151,8 @@ void SelfContact<T>::look(bool edges, const std::vector<int>& which) {
   const T reach = edges ? kEdges * layer_ : layer_;
   const Looking<T> how = {reach, reach / 2, kHaste, h_};
   const auto* parts = reinterpret_cast<const int(*)[4]>(parts_.data());
-  lanes<NearLanes<T>>().look(f_.x, f_.v, strips_->width, parts, which.data(), count, edges, how, wait_.data());
+  lanes<NearLanes<T>>().look(f_.x, f_.v, strips_->width, parts, which.data(), count, edges, how,
+                         reinterpret_cast<T(*)[3]>(side_.data()), wait_.data());
   acts_.clear();
   for (int i = 0; i < count; ++i) {
     const int steps = wait_[i] & (kAct - 1);
@@ -239,13 +232,14 @@ void SelfContact<T>::resolve(int part, bool edges, int steps) {
     T give = 0;
     for (int q = 0; q < 4; ++q)
       d = d + weight[q] * x[q], u = u + weight[q] * v[q], give += weight[q] * weight[q] * mobility[q];
-    const T apart2 = dot(d, d);
-    if (!(apart2 > T(1e-14)) || !(give > 0)) return;
-    const T apart = std::sqrt(apart2), gap = apart - reach;
-    const Vec<T> n = d / apart;
+    if (!(give > 0)) return;
+    const Vec<T> side = vec(side_[part].data());
+    const T far = std::sqrt(dot(d, d)), along = dot(d, side);
+    const Vec<T> n = far > T(1e-6) ? d / (along < 0 ? -far : far) : side;
+    const T apart = along < 0 ? -far : far, gap = apart - reach;
     const T un = dot(u, n), least = gap > 0 ? -gap / time : T(0);
     if (un >= least && gap >= 0) return;
-    const T stop = un < least ? least - un : T(0), push = gap < 0 ? -kPush * gap : T(0);
+    const T stop = un < least ? least - un : T(0), push = apart < 0 ? -apart : gap < 0 ? std::min(-kPush * gap, kCap * layer_) : T(0);
     const Vec<T> slide = u - un * n;
     const T sliding = std::sqrt(dot(slide, slide)), hold = sliding > 0 ? std::min(friction_ * stop / sliding, T(1)) : T(0);
     self_stats.moved++;

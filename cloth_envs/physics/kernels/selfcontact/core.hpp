@@ -29,6 +29,7 @@ class SelfContact {
   Sweep<T> sweep_;
   // Vertices and triangles, then from edges_ on edges: elements of a field.
   std::vector<std::array<int, 4>> parts_;
+  std::vector<std::array<T, 3>> side_;  // of every pair, see NearLanes::look
   int edges_ = 0;
   std::vector<int> due_[2][kMostSteps + 1];  // parts of both kinds to look at in so many steps, as a ring
   std::vector<std::pair<int, int>> acts_;

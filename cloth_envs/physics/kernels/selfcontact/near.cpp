@@ -11,10 +11,10 @@ void Sweep<T>::shape(int rows_, int cols_, bool periodic_) {
   group_rows = parts(block_rows), group_cols = parts(block_cols);
   groups = group_rows * group_cols, blocks = groups * kCells;
   plane = padded(rows * cols + 2 * kBlock);
-  for (auto* planes : {&x, &way, &normal}) planes->assign(3 * plane, T(0));
+  for (auto* planes : {&now, &then, &normal}) planes->assign(3 * plane, T(0));
   even.assign(plane, T(0)), records.assign(kRecord * plane, T(0));
-  for (auto* planes : {&box, &cone, &going}) planes->assign(6 * blocks, T(0));
-  group.assign(10 * padded(groups), T(0)), slots.assign(std::size_t(10) * kCells * blocks, T(0));
+  box.assign(kBox * blocks, T(0)), cone.assign(6 * blocks, T(0)), group.assign(kBox * padded(groups), T(0));
+  slots.assign(std::size_t(kBox) * kCells * blocks, T(0));
   filled.assign(blocks, 0), level.assign(blocks, 0), at.assign(blocks, -1);
   for (int b = 0; b < blocks; ++b) {
     const int g = b / kCells, i = b % kCells;

@@ -12,7 +12,8 @@
 namespace minicloth {
 
 constexpr int kSide = 4, kCells = kSide * kSide;  // cells along a block's side, in a block; the same of blocks in a group
-constexpr int kRecord = 16;                       // numbers of a cell: see Sweep::records
+constexpr int kBox = 12;     // lo and hi x, y, z of points now, then of them later
+constexpr int kRecord = 32;  // numbers of a cell: x, y, z of its corners now, then later, and 8 that are free
 constexpr int kVertexParts = 4, kParts = 13;      // pairs of a vertex and a triangle, and all, of two cells: see parts
 
 // Cell (r, c) is numbered as the vertex at its upper left, and owns that vertex, the edges from it to the right, down
@@ -24,13 +25,10 @@ struct Sweep {
   bool periodic = false;
   int block_rows, block_cols, group_rows, group_cols, groups, blocks;
   std::size_t plane;          // numbers in a plane of vertices or cells, some to spare behind
-  Plane<T> x, way;            // of vertices, 3 planes each: where they are, how far they go
+  Plane<T> now, then;         // of vertices, 3 planes each: where they are, where they will be
   Plane<T> normal, even;      // of cells, over their rest area; 1 where neighbours are nearly level with it, else -1
-  // Of blocks, 6 planes: lo, hi of x; of normals; of ways, which then become middle and half diagonal of that box.
-  Plane<T> box, cone, going;
-  Plane<T> group;             // of groups, 10 planes: box, going
-  // Of blocks where `filled` says so: rows of kCells with 6 numbers of the boxes of cells and 4 of their going; of
-  // every cell its corners and its going.
+  Plane<T> box, group, cone;  // kBox planes of blocks and of groups; 6 of blocks, the box of their normals
+  // Of blocks where `filled` says so: kBox rows of kCells, of their cells; of every cell of these kRecord numbers.
   Plane<T> slots, records;
   std::vector<char> filled;
   std::vector<std::uint16_t> level;    // of such blocks: bit i if cell i is even
@@ -38,7 +36,6 @@ struct Sweep {
   std::vector<int> corner[4];          // vertices of every cell: upper left, upper right, lower left, lower right
   std::vector<std::int16_t> row, col;  // of every cell
   std::vector<std::pair<int, int>> close_blocks, close_cells;
-  std::vector<T> spans;                // of close blocks, how near their cells must come
 
   void shape(int rows, int cols, bool periodic);
 };
@@ -61,9 +58,11 @@ struct NearLanes {
   // second; 2, 3: the other way round; 4 + 3 a + b: edges a and b. The last two numbers: any of vertices, of edges.
   void (*parts)(const Sweep<T>&, const Looking<T>& vertices, const Looking<T>& edges, T skin, T time,
                 std::uint8_t (*wait)[kParts + 2]);
-  // Of `count` pairs of parts, numbers in `parts`, which are elements of a field: when to look at each again.
+  // Of `count` pairs of parts, numbers in `parts`, which are elements of a field: when to look at each again. `side` has
+  // of every pair the unit vector from its second to its first part when these were last looked at, 0 before; a pair
+  // whose vector turned round since went through each other, and its vector is the old way round.
   void (*look)(const T* x, const T* v, int width, const int (*parts)[4], const int* which, int count, bool edges,
-               const Looking<T>&, std::uint8_t* wait);
+               const Looking<T>&, T (*side)[3], std::uint8_t* wait);
   // The largest square of how far the vertices of every lane are from x0 + since * v0.
   void (*drift)(const T* x, const T* x0, const T* v0, int rows, int cols, std::ptrdiff_t stride, const T* since,
                 T* most);
