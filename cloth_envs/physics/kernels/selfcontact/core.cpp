@@ -239,7 +239,8 @@ void SelfContact<T>::resolve(int part, bool edges, int steps) {
     const T apart = along < 0 ? -far : far, gap = apart - reach;
     const T un = dot(u, n), least = gap > 0 ? -gap / time : T(0);
     if (un >= least && gap >= 0) return;
-    const T stop = un < least ? least - un : T(0), push = apart < 0 ? -apart : gap < 0 ? std::min(-kPush * gap, kCap * layer_) : T(0);
+    const T stop = un < least ? least - un : T(0), back = gap < 0 ? std::min(h_ * stop, -gap) : T(0), rest = -gap - back;
+    const T push = apart < 0 ? -apart : gap < 0 ? back + std::min(kPush * rest, kCap * layer_) : T(0);
     const Vec<T> slide = u - un * n;
     const T sliding = std::sqrt(dot(slide, slide)), hold = sliding > 0 ? std::min(friction_ * stop / sliding, T(1)) : T(0);
     self_stats.moved++;
