@@ -10,7 +10,7 @@ double dbg_t[8];
 extern "C" __attribute__((visibility("default"))) double* minicloth_dbg() { return dbg_t; }
 namespace minicloth {
 SelfStats self_stats;
-double self_tune[16] = {1, 4, 32, 0.5, 0.3, 5, .1};
+double self_tune[16] = {1, 4, 32, 0.5, 0.3, 5, .1, 4};
 long self_hist[20]; double self_min[4];
 static double now_s() { timespec t; clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t); return t.tv_sec + 1e-9 * t.tv_nsec; }
 
@@ -20,6 +20,7 @@ namespace {
 #define kSearch int(self_tune[2])   // steps after which what may come close is searched for anew, at the latest
 #define kSkin T(self_tune[3])       // layers, how far a vertex may be from where it was going until then
 #define kPush T(self_tune[4])       // of what is missing, how much a step makes up for
+#define kPasses int(self_tune[7])
 #define kCap T(self_tune[6])
 #define kHaste T(self_tune[5])      // m/s, what speeds may change by until a pair is looked at again
 
@@ -45,6 +46,7 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
     corner_[q].resize(s.places.size());
     for (std::size_t i = 0; i < s.places.size(); ++i) corner_[q][i] = s.places[sweep_.corner[q][i]] + member;
   }
+  known_.assign(s.field, 0), sides_.clear(), touched_.clear();
   self_stats.frames++;
   search();
   for (int k = 0; k < int(self_tune[15]); ++k) {
@@ -79,6 +81,7 @@ void SelfContact<T>::search() {
   double t5=now_s(); self_tune[14]=std::min(self_tune[14],t5-t4); parts_.clear(), side_.clear();
   for (auto& kind : due_)
     for (auto& due : kind) due.clear();
+  remember();
   parts_.clear(), side_.clear();
   for (auto& kind : due_)
     for (auto& due : kind) due.clear();
@@ -106,6 +109,10 @@ void SelfContact<T>::search() {
         if (none) continue;
         due_[edges][(now_ + wait - 1) % (kMostSteps + 1)].push_back(int(parts_.size()));
         parts_.push_back(x), side_.push_back({});
+        if (known_[x[0]]) {
+          const auto found = std::lower_bound(sides_.begin(), sides_.end(), x, [](const auto& a, const auto& b) { return a.first < b; });
+          if (found != sides_.end() && found->first == x) side_.back() = found->second;
+        }
       }
     }
     if (!edges) edges_ = int(parts_.size());
@@ -114,6 +121,15 @@ void SelfContact<T>::search() {
   self_min[0]=std::min(self_min[0],now_s()-t5); self_stats.search += now_s() - t0, self_stats.searches++;
   self_stats.vt += edges_, self_stats.ee += parts_.size() - edges_;
   self_stats.blocks += sweep_.close_blocks.size(), self_stats.cells += pairs.size();
+}
+
+template <class T>
+void SelfContact<T>::remember() {
+  for (const auto& side : sides_) known_[side.first[0]] = 0;
+  sides_.clear();
+  for (const int part : touched_) sides_.push_back({parts_[part], side_[part]}), known_[parts_[part][0]] = 1;
+  std::sort(sides_.begin(), sides_.end());
+  touched_.clear();
 }
 
 template <class T>
@@ -160,7 +176,12 @@ void SelfContact<T>::look(bool edges, const std::vector<int>& which) {
     due_[edges][(now_ + steps) % (kMostSteps + 1)].push_back(which[i]);
   }
   std::sort(acts_.begin(), acts_.end());
-  for (const auto& [part, steps] : acts_) resolve(part, edges, steps);
+  bool deep = true;
+  for (int pass = 0; pass < kPasses && deep; ++pass) {
+    deep = false;
+    for (const auto& [part, steps] : acts_) deep |= resolve(part, edges, steps);
+  }
+  for (const auto& act : acts_) touched_.push_back(act.first);
   due_[edges][now_].clear();
 }
 
@@ -208,7 +229,7 @@ void nearest_on_edges(const Vec<T>& p, const Vec<T>& d, const Vec<T>& q, const V
 }  // namespace
 
 template <class T>
-void SelfContact<T>::resolve(int part, bool edges, int steps) {
+bool SelfContact<T>::resolve(int part, bool edges, int steps) {
   const int width = strips_->width;
   const T reach = edges ? kEdges * layer_ : layer_, time = h_ * T(steps);
   const auto& place = parts_[part];
@@ -232,13 +253,13 @@ void SelfContact<T>::resolve(int part, bool edges, int steps) {
     T give = 0;
     for (int q = 0; q < 4; ++q)
       d = d + weight[q] * x[q], u = u + weight[q] * v[q], give += weight[q] * weight[q] * mobility[q];
-    if (!(give > 0)) return;
+    if (!(give > 0)) return false;
     const Vec<T> side = vec(side_[part].data());
     const T far = std::sqrt(dot(d, d)), along = dot(d, side);
     const Vec<T> n = far > T(1e-6) ? d / (along < 0 ? -far : far) : side;
     const T apart = along < 0 ? -far : far, gap = apart - reach;
     const T un = dot(u, n), least = gap > 0 ? -gap / time : T(0);
-    if (un >= least && gap >= 0) return;
+    if (un >= least && gap >= 0) return false;
     const T stop = un < least ? least - un : T(0), back = gap < 0 ? std::min(h_ * stop, -gap) : T(0), rest = -gap - back;
     const T push = apart < 0 ? -apart : gap < 0 ? back + std::min(kPush * rest, kCap * layer_) : T(0);
     const Vec<T> slide = u - un * n;
@@ -253,6 +274,7 @@ void SelfContact<T>::resolve(int part, bool edges, int steps) {
       py[0] = x[q].x + damping_ * v[q].x, py[width] = x[q].y + damping_ * v[q].y;
       py[2 * width] = x[q].z + damping_ * v[q].z;
     }
+  return gap < -reach / 2;
 }
 
 template class SelfContact<float>;

@@ -24,7 +24,9 @@ class SelfContact {
   bool strayed() const;
   void search();
   void look(bool edges, const std::vector<int>& which);
-  void resolve(int part, bool edges, int steps);
+  // Whether they are still nearer than half their reach.
+  bool resolve(int part, bool edges, int steps);
+  void remember();
 
   Sweep<T> sweep_;
   // Vertices and triangles, then from edges_ on edges: elements of a field.
@@ -33,6 +35,9 @@ class SelfContact {
   int edges_ = 0;
   std::vector<int> due_[2][kMostSteps + 1];  // parts of both kinds to look at in so many steps, as a ring
   std::vector<std::pair<int, int>> acts_;
+  std::vector<int> touched_;            // parts that were kept apart since the last search
+  std::vector<char> known_;             // of elements: whether a pair that begins with it is in sides_
+  std::vector<std::pair<std::array<int, 4>, std::array<T, 3>>> sides_;
   int now_ = 0;
   const Strips<T>* strips_ = nullptr;
   Fields<T> f_;
