@@ -221,7 +221,7 @@ void blocks(Sweep<T>& s, T reach) {
             for (unsigned found = meet(s.box.data() + a, s.blocks, reach, s.box.data() + k, s.blocks); found;
                  found &= found - 1) {
               const int b = k + __builtin_ctz(found);
-              if (b < a || s.at[b] < 0 || (beside(s, s.at[a], s.at[b], next) && flat(s, a, b))) continue;
+              if (b < a || s.at[b] < 0 || !(s.fresh[a] | s.fresh[b]) || (beside(s, s.at[a], s.at[b], next) && flat(s, a, b))) continue;
               s.close_blocks.push_back({a, b});
             }
         }

@@ -83,7 +83,7 @@ void cells(Sweep<T>& s, T reach) {
   constexpr int n = kLanes<T>;
   static const Around around;
   std::fill(s.filled.begin(), s.filled.end(), 0);
-  s.close_cells.clear();
+  s.close_cells.clear(), s.of_block.clear();
   for (const auto& [a, b] : s.close_blocks) {
     const T *const first = slots(s, a), *const second = slots(s, b);
     unsigned some = 0, those = 0;
@@ -105,7 +105,7 @@ void cells(Sweep<T>& s, T reach) {
       for (found &= wanted; found; found &= found - 1) {
         const int j = __builtin_ctz(found), to = s.at[b] + j / kSide * s.cols + j % kSide;
         if (s.periodic && lesser(s.even[at], s.even[to]) > T(0) && beside(s, at, to, kApart)) continue;
-        s.close_cells.push_back({at, to});
+        s.close_cells.push_back({at, to}), s.of_block.push_back(int(&a - &s.close_blocks[0].first) / 2);
       }
     }
   }

@@ -56,10 +56,10 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
   }
 }
 
+// All anew.
 template <class T>
 void SelfContact<T>::search() {
   const double t0 = now_s();
-  const auto& near = lanes<NearLanes<T>>();
   const Strips<T>& s = *strips_;
   const int n = int(s.places.size());
   std::copy_n(f_.x, s.field, x0_.data()), std::copy_n(f_.v, s.field, v0_.data());
@@ -70,7 +70,80 @@ void SelfContact<T>::search() {
     for (int i = 0; i < n; ++i) now[i] = x[s.places[i]], then[i] = now[i] + time * v[s.places[i]];
   }
   double t1=now_s(); self_tune[10]=std::min(self_tune[10],t1-t0);
+  std::fill(sweep_.fresh.begin(), sweep_.fresh.end(), 1);
+  remember();
+  parts_.clear(), side_.clear(), owner_.clear();
+  for (auto& kind : due_)
+    for (auto& due : kind) due.clear();
+  since_ = seen_ = 0;
+  find(time);
+  self_stats.search += now_s() - t0, self_stats.searches++;
+}
+
+// Only what lies in blocks of which a vertex strayed from its way; false if these are many.
+template <class T>
+bool SelfContact<T>::refresh() {
+  const double t0 = now_s();
+  const Strips<T>& s = *strips_;
+  const int n = int(s.places.size()), cols = sweep_.cols, rows = sweep_.rows;
+  const T since = h_ * T(since_), limit = kSkin * layer_, limit2 = limit * limit;
+  std::fill(sweep_.fresh.begin(), sweep_.fresh.end(), 0);
+  const auto block = [&](int r, int c) {
+    const int br = r / kSide, bc = c / kSide;
+    return (br / kSide * sweep_.group_cols + bc / kSide) * kCells + br % kSide * kSide + bc % kSide;
+  };
+  // Blocks that have a vertex: its own and those before it along rows and columns, where it is their last.
+  const auto each_block = [&](int i, const auto& use) {
+    const int r = sweep_.row[i], c = sweep_.col[i];
+    const bool up = r > 0 && r % kSide == 0, left = c % kSide == 0 && (c > 0 || sweep_.periodic);
+    const int before = c > 0 ? c - 1 : cols - 1;
+    use(block(r, c));
+    if (up) use(block(r - 1, c));
+    if (left) use(block(r, before));
+    if (up && left) use(block(r - 1, before));
+  };
+  (void)rows;
+  int many = 0;
+  for (int i = 0; i < n; ++i) {
+    const T *const x = f_.x + s.places[i] + member_, *const a = x0_.data() + s.places[i] + member_,
+                  *const u = v0_.data() + s.places[i] + member_;
+    T far = 0;
+    for (int k = 0; k < 3; ++k) {
+      const T d = x[k * s.width] - (a[k * s.width] + since * u[k * s.width]);
+      far += d * d;
+    }
+    if (far > limit2) each_block(i, [&](int b) { many += !sweep_.fresh[b], sweep_.fresh[b] = 1; });
+  }
+  self_stats.moved += many;
+  if (4 * many > sweep_.block_rows * sweep_.block_cols) return false;
+  // All go on to where they are now, those of fresh blocks alone from where they are and as they go.
+  const T total = h_ * T(kSearch + kEvery), left = total - since, part = T(since_ - seen_) / T(kSearch + kEvery - seen_);
+  seen_ = since_;
+  for (std::size_t i = 0; i < sweep_.now.size(); ++i) sweep_.now[i] += part * (sweep_.then[i] - sweep_.now[i]);
+  for (int i = 0; i < n; ++i) {
+    bool all = true;
+    each_block(i, [&](int b) { all &= sweep_.fresh[b] != 0; });
+    if (!all) continue;
+    for (int k = 0; k < 3; ++k) {
+      const std::size_t at = s.places[i] + member_ + k * s.width, to = k * sweep_.plane + i;
+      sweep_.now[to] = f_.x[at], sweep_.then[to] = f_.x[at] + left * f_.v[at];
+      x0_[at] = f_.x[at] - since * f_.v[at], v0_[at] = f_.v[at];
+    }
+  }
+  remember();
+  for (auto& owner : owner_)
+    if (owner.first >= 0 && (sweep_.fresh[owner.first] | sweep_.fresh[owner.second])) owner.first = -1;
+  find(left);
+  self_stats.search += now_s() - t0, self_stats.searches++;
+  self_hist[0]++;
+  return true;
+}
+
+template <class T>
+void SelfContact<T>::find(T time) {
+  const auto& near = lanes<NearLanes<T>>();
   const T skin = 2 * kSkin * layer_;
+  double t1=now_s();
   near.boxes(sweep_, T(cell_area_)); double t2=now_s(); self_tune[11]=std::min(self_tune[11],t2-t1);
   near.blocks(sweep_, layer_ + skin); double t3=now_s(); self_tune[12]=std::min(self_tune[12],t3-t2);
   near.cells(sweep_, layer_ + skin); double t4=now_s(); self_tune[13]=std::min(self_tune[13],t4-t3);
@@ -78,48 +151,37 @@ void SelfContact<T>::search() {
   first_.resize(pairs.size());
   const Looking<T> of[2] = {{layer_, layer_ / 2, kHaste, h_}, {kEdges * layer_, kEdges * layer_ / 2, kHaste, h_}};
   near.parts(sweep_, of[0], of[1], skin, time, reinterpret_cast<std::uint8_t(*)[kParts + 2]>(first_.data()));
-  double t5=now_s(); self_tune[14]=std::min(self_tune[14],t5-t4); parts_.clear(), side_.clear();
-  for (auto& kind : due_)
-    for (auto& due : kind) due.clear();
-  remember();
-  parts_.clear(), side_.clear();
-  for (auto& kind : due_)
-    for (auto& due : kind) due.clear();
-  for (const bool edges : {false, true}) {
-    const int from = edges ? kVertexParts : 0, end = edges ? kParts : kVertexParts;
-    for (std::size_t p = 0; p < pairs.size(); ++p) {
-      if (!first_[p][kParts + edges]) continue;
-      int at[2][4];
-      for (int q = 0; q < 4; ++q) at[0][q] = corner_[q][pairs[p].first], at[1][q] = corner_[q][pairs[p].second];
-      for (int k = from; k < end; ++k) {
-        const int wait = first_[p][k];
-        if (!wait) continue;
-        std::array<int, 4> x;
-        bool none;
-        if (k < 4) {
-          const int* const t = at[1 - k / 2];
-          x = {at[k / 2][0], t[0], k % 2 ? t[3] : t[2], k % 2 ? t[1] : t[3]};
-          none = t[0] == t[1] || t[0] == t[2] || x[0] == x[1] || x[0] == x[2] || x[0] == x[3];
-        } else {
-          const int e = kPart[(k - 4) / 3], g = kPart[(k - 4) % 3];
-          x = {at[0][0], at[0][e], at[1][0], at[1][g]};
-          const auto point = [&](const int* q, int m) { return m == 3 ? q[0] == q[1] || q[0] == q[2] : q[0] == q[m]; };
-          none = point(at[0], e) || point(at[1], g) || x[0] == x[2] || x[0] == x[3] || x[1] == x[2] || x[1] == x[3];
-        }
-        if (none) continue;
-        due_[edges][(now_ + wait - 1) % (kMostSteps + 1)].push_back(int(parts_.size()));
-        parts_.push_back(x), side_.push_back({});
-        if (known_[x[0]]) {
-          const auto found = std::lower_bound(sides_.begin(), sides_.end(), x, [](const auto& a, const auto& b) { return a.first < b; });
-          if (found != sides_.end() && found->first == x) side_.back() = found->second;
-        }
+  double t5=now_s(); self_tune[14]=std::min(self_tune[14],t5-t4);
+  for (std::size_t p = 0; p < pairs.size(); ++p) {
+    if (!first_[p][kParts] && !first_[p][kParts + 1]) continue;
+    int at[2][4];
+    for (int q = 0; q < 4; ++q) at[0][q] = corner_[q][pairs[p].first], at[1][q] = corner_[q][pairs[p].second];
+    for (int k = 0; k < kParts; ++k) {
+      const int wait = first_[p][k];
+      if (!wait) continue;
+      std::array<int, 4> x;
+      bool none;
+      if (k < kVertexParts) {
+        const int* const t = at[1 - k / 2];
+        x = {at[k / 2][0], t[0], k % 2 ? t[3] : t[2], k % 2 ? t[1] : t[3]};
+        none = t[0] == t[1] || t[0] == t[2] || x[0] == x[1] || x[0] == x[2] || x[0] == x[3];
+      } else {
+        const int e = kPart[(k - 4) / 3], g = kPart[(k - 4) % 3];
+        x = {at[0][0], at[0][e], at[1][0], at[1][g]};
+        const auto point = [&](const int* q, int m) { return m == 3 ? q[0] == q[1] || q[0] == q[2] : q[0] == q[m]; };
+        none = point(at[0], e) || point(at[1], g) || x[0] == x[2] || x[0] == x[3] || x[1] == x[2] || x[1] == x[3];
+      }
+      if (none) continue;
+      due_[k >= kVertexParts][(now_ + wait - 1) % (kMostSteps + 1)].push_back(int(parts_.size()));
+      parts_.push_back(x), side_.push_back({}), owner_.push_back(sweep_.close_blocks[sweep_.of_block[p]]);
+      if (known_[x[0]]) {
+        const auto found = std::lower_bound(sides_.begin(), sides_.end(), x, [](const auto& a, const auto& b) { return a.first < b; });
+        if (found != sides_.end() && found->first == x) side_.back() = found->second;
       }
     }
-    if (!edges) edges_ = int(parts_.size());
   }
-  since_ = 0;
-  self_min[0]=std::min(self_min[0],now_s()-t5); self_stats.search += now_s() - t0, self_stats.searches++;
-  self_stats.vt += edges_, self_stats.ee += parts_.size() - edges_;
+  self_min[0]=std::min(self_min[0],now_s()-t5);
+  self_stats.ee += parts_.size();
   self_stats.blocks += sweep_.close_blocks.size(), self_stats.cells += pairs.size();
 }
 
@@ -127,7 +189,8 @@ template <class T>
 void SelfContact<T>::remember() {
   for (const auto& side : sides_) known_[side.first[0]] = 0;
   sides_.clear();
-  for (const int part : touched_) sides_.push_back({parts_[part], side_[part]}), known_[parts_[part][0]] = 1;
+  for (const int part : touched_)
+    if (owner_[part].first >= 0) sides_.push_back({parts_[part], side_[part]}), known_[parts_[part][0]] = 1;
   std::sort(sides_.begin(), sides_.end());
   touched_.clear();
 }
@@ -153,13 +216,14 @@ void SelfContact<T>::step() {
   now_ = (now_ + 1) % (kMostSteps + 1);
   self_stats.resolve += now_s() - t0, self_stats.checks++;
   t0 = now_s();
-  const bool again = since_ >= kSearch || (since_ % kEvery == 0 && strayed());
+  const bool old = since_ >= kSearch, astray = since_ % kEvery == 0 && strayed();
   self_stats.drift += now_s() - t0;
-  if (again) search();
+  if (old || (astray && !refresh())) search();
 }
 
 template <class T>
-void SelfContact<T>::look(bool edges, const std::vector<int>& which) {
+void SelfContact<T>::look(bool edges, std::vector<int>& which) {
+  which.erase(std::remove_if(which.begin(), which.end(), [&](int part) { return owner_[part].first < 0; }), which.end());
   const int count = int(which.size());
   if (!count) return;
   self_stats.hits += count;

@@ -23,7 +23,9 @@ class SelfContact {
  private:
   bool strayed() const;
   void search();
-  void look(bool edges, const std::vector<int>& which);
+  bool refresh();
+  void find(T time);
+  void look(bool edges, std::vector<int>& which);
   // Whether they are still nearer than half their reach.
   bool resolve(int part, bool edges, int steps);
   void remember();
@@ -32,7 +34,7 @@ class SelfContact {
   // Vertices and triangles, then from edges_ on edges: elements of a field.
   std::vector<std::array<int, 4>> parts_;
   std::vector<std::array<T, 3>> side_;  // of every pair, see NearLanes::look
-  int edges_ = 0;
+  std::vector<std::pair<int, int>> owner_;  // of every pair its blocks; -1 where it was found anew since
   std::vector<int> due_[2][kMostSteps + 1];  // parts of both kinds to look at in so many steps, as a ring
   std::vector<std::pair<int, int>> acts_;
   std::vector<int> touched_;            // parts that were kept apart since the last search
@@ -41,7 +43,7 @@ class SelfContact {
   int now_ = 0;
   const Strips<T>* strips_ = nullptr;
   Fields<T> f_;
-  int member_ = 0, since_ = 0;  // steps since the last search
+  int member_ = 0, since_ = 0, seen_ = 0;  // steps since the last search, until parts of it were searched anew
   T layer_ = 0, friction_ = 0, h_ = 0, damping_ = 0;
   double cell_area_ = 1;
   Plane<T> x0_, v0_;          // fields at the last search

@@ -30,12 +30,13 @@ struct Sweep {
   Plane<T> box, group, cone;  // kBox planes of blocks and of groups; 6 of blocks, the box of their normals
   // Of blocks where `filled` says so: kBox rows of kCells, of their cells; of every cell of these kRecord numbers.
   Plane<T> slots, records;
-  std::vector<char> filled;
+  std::vector<char> filled, fresh;     // fresh: only what lies in these blocks is searched
   std::vector<std::uint16_t> level;    // of such blocks: bit i if cell i is even
   std::vector<int> at;                 // of every block its first cell, -1 where the sheet has none
   std::vector<int> corner[4];          // vertices of every cell: upper left, upper right, lower left, lower right
   std::vector<std::int16_t> row, col;  // of every cell
   std::vector<std::pair<int, int>> close_blocks, close_cells;
+  std::vector<int> of_block;           // of close cells, which of close_blocks they are in
 
   void shape(int rows, int cols, bool periodic);
 };
