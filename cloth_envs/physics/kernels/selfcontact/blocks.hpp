@@ -199,12 +199,28 @@ inline bool beside(const Sweep<T>& s, int i, int j, int apart) {
   return dr <= apart && dc <= apart;
 }
 
+// The least gap of two boxes along an axis, now or later; `a` has its numbers `step` apart.
 template <class T>
-void blocks(Sweep<T>& s, T reach) {
+inline T box_gap(const T* a, const T* b, std::size_t step) {
+  T most = T(-kFar);
+  for (int k = 0; k < 3; ++k) {
+    const auto at = [&](const T* box, int i) { return box[(k + i) * step]; };
+    const T above = lesser(at(b, 0) - at(a, 3), at(b, 6) - at(a, 9));
+    const T below = lesser(at(a, 0) - at(b, 3), at(a, 6) - at(b, 9));
+    most = greater(most, greater(above, below));
+  }
+  return most;
+}
+
+template <class T>
+void blocks(Sweep<T>& s, T near, T skin, T most) {
   constexpr int n = kLanes<T>;
   const std::size_t stride = s.group.size() / kBox;
   const int next = kSide + (s.periodic ? kSide - 1 : 0);
+  const T reach = near + 2 * most, close = near + 2 * skin;
   s.close_blocks.clear();
+  for (int b = 0; b < s.blocks; ++b)
+    if (s.fresh[b]) s.room[b] = most;
   for (int g = 0; g < s.groups; ++g)
     for (int from = g / n * n; from < s.groups; from += n)
       for (unsigned groups = meet(s.group.data() + g, stride, reach, s.group.data() + from, stride); groups;
@@ -222,7 +238,10 @@ void blocks(Sweep<T>& s, T reach) {
                  found &= found - 1) {
               const int b = k + __builtin_ctz(found);
               if (b < a || s.at[b] < 0 || !(s.fresh[a] | s.fresh[b]) || (beside(s, s.at[a], s.at[b], next) && flat(s, a, b))) continue;
-              s.close_blocks.push_back({a, b});
+              const T gap = box_gap(s.box.data() + a, s.box.data() + b, s.blocks);
+              const T room = gap < close ? skin : (gap - near) / 2;
+              s.room[a] = lesser(s.room[a], room), s.room[b] = lesser(s.room[b], room);
+              if (gap < close) s.close_blocks.push_back({a, b});
             }
         }
       }

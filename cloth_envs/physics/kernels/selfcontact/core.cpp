@@ -10,7 +10,7 @@ double dbg_t[8];
 extern "C" __attribute__((visibility("default"))) double* minicloth_dbg() { return dbg_t; }
 namespace minicloth {
 SelfStats self_stats;
-double self_tune[16] = {1, 4, 32, 0.5, 0.3, 5, .1, 4};
+double self_tune[16] = {1, 4, 32, 0.5, 0.3, 5, .1, 4, 0, 0, 0, 0, 0, 0, 0, .4};
 long self_hist[20]; double self_min[4];
 static double now_s() { timespec t; clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t); return t.tv_sec + 1e-9 * t.tv_nsec; }
 
@@ -20,6 +20,7 @@ namespace {
 #define kSearch int(self_tune[2])   // steps after which what may come close is searched for anew, at the latest
 #define kSkin T(self_tune[3])       // layers, how far a vertex may be from where it was going until then
 #define kPush T(self_tune[4])       // of what is missing, how much a step makes up for
+#define kCalm T(1)
 #define kPasses int(self_tune[7])
 #define kCap T(self_tune[6])
 #define kHaste T(self_tune[5])      // m/s, what speeds may change by until a pair is looked at again
@@ -34,7 +35,8 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
   layer_ = T(self_tune[8]), friction_ = T(self_tune[9]), h_ = T(h), damping_ = T(damping);
   strips_ = &s, f_ = f, member_ = member, cell_area_ = sheet.row_length * sheet.col_length;
   sweep_.shape(sheet.rows, sheet.cols, sheet.periodic);
-  x0_.resize(s.field), v0_.resize(s.field);
+  x0_.resize(s.field), v0_.resize(s.field), room_.assign(s.field, T(1e9));
+  haste_ = kHaste;
   mobility_.resize(s.field);
   for (int i = 0; i < int(s.places.size()); ++i) {
     const int r = i / sheet.cols, c = i % sheet.cols;
@@ -49,11 +51,22 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
   known_.assign(s.field, 0), sides_.clear(), touched_.clear();
   self_stats.frames++;
   search();
-  for (int k = 0; k < int(self_tune[15]); ++k) {
-    search();
-    double t0 = now_s();
-    strayed(); self_min[3] = std::min(self_min[3], now_s() - t0);
-  }
+}
+
+// Blocks that have a vertex: its own, and those before it along rows and columns, where it is their last.
+template <class T>
+template <class Use>
+void SelfContact<T>::each_block(int i, const Use& use) const {
+  const auto block = [&](int r, int c) {
+    const int br = r / kSide, bc = c / kSide;
+    return (br / kSide * sweep_.group_cols + bc / kSide) * kCells + br % kSide * kSide + bc % kSide;
+  };
+  const int r = sweep_.row[i], c = sweep_.col[i], before = c > 0 ? c - 1 : sweep_.cols - 1;
+  const bool up = r > 0 && r % kSide == 0, left = c % kSide == 0 && (c > 0 || sweep_.periodic);
+  use(block(r, c));
+  if (up) use(block(r - 1, c));
+  if (left) use(block(r, before));
+  if (up && left) use(block(r - 1, before));
 }
 
 // All anew.
@@ -85,24 +98,9 @@ template <class T>
 bool SelfContact<T>::refresh() {
   const double t0 = now_s();
   const Strips<T>& s = *strips_;
-  const int n = int(s.places.size()), cols = sweep_.cols, rows = sweep_.rows;
-  const T since = h_ * T(since_), limit = kSkin * layer_, limit2 = limit * limit;
+  const int n = int(s.places.size());
+  const T since = h_ * T(since_);
   std::fill(sweep_.fresh.begin(), sweep_.fresh.end(), 0);
-  const auto block = [&](int r, int c) {
-    const int br = r / kSide, bc = c / kSide;
-    return (br / kSide * sweep_.group_cols + bc / kSide) * kCells + br % kSide * kSide + bc % kSide;
-  };
-  // Blocks that have a vertex: its own and those before it along rows and columns, where it is their last.
-  const auto each_block = [&](int i, const auto& use) {
-    const int r = sweep_.row[i], c = sweep_.col[i];
-    const bool up = r > 0 && r % kSide == 0, left = c % kSide == 0 && (c > 0 || sweep_.periodic);
-    const int before = c > 0 ? c - 1 : cols - 1;
-    use(block(r, c));
-    if (up) use(block(r - 1, c));
-    if (left) use(block(r, before));
-    if (up && left) use(block(r - 1, before));
-  };
-  (void)rows;
   int many = 0;
   for (int i = 0; i < n; ++i) {
     const T *const x = f_.x + s.places[i] + member_, *const a = x0_.data() + s.places[i] + member_,
@@ -112,7 +110,7 @@ bool SelfContact<T>::refresh() {
       const T d = x[k * s.width] - (a[k * s.width] + since * u[k * s.width]);
       far += d * d;
     }
-    if (far > limit2) each_block(i, [&](int b) { many += !sweep_.fresh[b], sweep_.fresh[b] = 1; });
+    if (far > room_[s.places[i] + member_]) each_block(i, [&](int b) { many += !sweep_.fresh[b], sweep_.fresh[b] = 1; });
   }
   self_stats.moved += many;
   if (4 * many > sweep_.block_rows * sweep_.block_cols) return false;
@@ -145,11 +143,20 @@ void SelfContact<T>::find(T time) {
   const T skin = 2 * kSkin * layer_;
   double t1=now_s();
   near.boxes(sweep_, T(cell_area_)); double t2=now_s(); self_tune[11]=std::min(self_tune[11],t2-t1);
-  near.blocks(sweep_, layer_ + skin); double t3=now_s(); self_tune[12]=std::min(self_tune[12],t3-t2);
+  const T cell = T(std::sqrt(cell_area_));
+  near.blocks(sweep_, layer_, kSkin * layer_, std::max(kSkin * layer_, T(self_tune[15]) * cell));
+  {
+    const Strips<T>& s = *strips_;
+    for (int i = 0; i < int(s.places.size()); ++i) {
+      T room = T(1e9);
+      each_block(i, [&](int b) { room = std::min(room, sweep_.room[b]); });
+      room_[s.places[i] + member_] = room * room;
+    }
+  } double t3=now_s(); self_tune[12]=std::min(self_tune[12],t3-t2);
   near.cells(sweep_, layer_ + skin); double t4=now_s(); self_tune[13]=std::min(self_tune[13],t4-t3);
   const auto& pairs = sweep_.close_cells;
   first_.resize(pairs.size());
-  const Looking<T> of[2] = {{layer_, layer_ / 2, kHaste, h_}, {kEdges * layer_, kEdges * layer_ / 2, kHaste, h_}};
+  const Looking<T> of[2] = {{layer_, layer_ / 2, haste_, h_}, {kEdges * layer_, kEdges * layer_ / 2, haste_, h_}};
   near.parts(sweep_, of[0], of[1], skin, time, reinterpret_cast<std::uint8_t(*)[kParts + 2]>(first_.data()));
   double t5=now_s(); self_tune[14]=std::min(self_tune[14],t5-t4);
   for (std::size_t p = 0; p < pairs.size(); ++p) {
@@ -196,16 +203,17 @@ void SelfContact<T>::remember() {
 }
 
 template <class T>
-bool SelfContact<T>::strayed() const {
-  alignas(64) T since[64 / sizeof(T)], most[64 / sizeof(T)];
+bool SelfContact<T>::strayed() {
+  constexpr int n = 64 / sizeof(T);
+  alignas(64) T since[n], most[n], astray[n];
   std::fill_n(since, strips_->width, T(since_ * h_));
   const auto first = strips_->at(0, 0);
-  lanes<NearLanes<T>>().drift(f_.x + first, x0_.data() + first, v0_.data() + first, strips_->rows, strips_->cols,
-                              strips_->stride, since, most);
-  T worst = most[member_];
-  if (strips_->banded) worst = *std::max_element(most, most + strips_->width);
-  const T limit = kSkin * layer_;
-  return !(worst <= limit * limit);
+  lanes<NearLanes<T>>().drift(f_.x + first, x0_.data() + first, v0_.data() + first, room_.data() + first,
+                              strips_->rows, strips_->cols, strips_->stride, since, most, astray);
+  const int begin = strips_->banded ? 0 : member_, end = strips_->banded ? strips_->width : member_ + 1;
+  const T far = *std::max_element(most + begin, most + end);
+  haste_ = std::min(std::max(2 * std::sqrt(far) / (since_ * h_), kCalm), kHaste);
+  return !(*std::max_element(astray + begin, astray + end) <= 0);
 }
 
 template <class T>
@@ -229,7 +237,7 @@ void SelfContact<T>::look(bool edges, std::vector<int>& which) {
   self_stats.hits += count;
   wait_.resize(count);
   const T reach = edges ? kEdges * layer_ : layer_;
-  const Looking<T> how = {reach, reach / 2, kHaste, h_};
+  const Looking<T> how = {reach, reach / 2, haste_, h_};
   const auto* parts = reinterpret_cast<const int(*)[4]>(parts_.data());
   lanes<NearLanes<T>>().look(f_.x, f_.v, strips_->width, parts, which.data(), count, edges, how,
                          reinterpret_cast<T(*)[3]>(side_.data()), wait_.data());

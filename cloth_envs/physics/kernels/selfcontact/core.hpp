@@ -21,7 +21,9 @@ class SelfContact {
   void step();
 
  private:
-  bool strayed() const;
+  bool strayed();
+  template <class Use>
+  void each_block(int vertex, const Use& use) const;
   void search();
   bool refresh();
   void find(T time);
@@ -44,9 +46,9 @@ class SelfContact {
   const Strips<T>* strips_ = nullptr;
   Fields<T> f_;
   int member_ = 0, since_ = 0, seen_ = 0;  // steps since the last search, until parts of it were searched anew
-  T layer_ = 0, friction_ = 0, h_ = 0, damping_ = 0;
+  T layer_ = 0, friction_ = 0, h_ = 0, damping_ = 0, haste_ = 0;
   double cell_area_ = 1;
-  Plane<T> x0_, v0_;          // fields at the last search
+  Plane<T> x0_, v0_, room_;   // fields: where vertices were and how they went, squares of how far they may stray
   std::vector<T> mobility_;   // of elements: over 1 / the area of an inner vertex, 0 where firmly held
   std::vector<int> corner_[4];  // of every cell: elements of its corners
   std::vector<std::array<std::uint8_t, kParts + 2>> first_;

@@ -15,7 +15,7 @@ void Sweep<T>::shape(int rows_, int cols_, bool periodic_) {
   even.assign(plane, T(0)), records.assign(kRecord * plane, T(0));
   box.assign(kBox * blocks, T(0)), cone.assign(6 * blocks, T(0)), group.assign(kBox * padded(groups), T(0));
   slots.assign(std::size_t(kBox) * kCells * blocks, T(0));
-  filled.assign(blocks, 0), fresh.assign(blocks, 1), level.assign(blocks, 0), at.assign(blocks, -1);
+  room.assign(blocks, T(0)), filled.assign(blocks, 0), fresh.assign(blocks, 1), level.assign(blocks, 0), at.assign(blocks, -1);
   for (int b = 0; b < blocks; ++b) {
     const int g = b / kCells, i = b % kCells;
     const int r = g / group_cols * kSide + i / kSide, c = g % group_cols * kSide + i % kSide;

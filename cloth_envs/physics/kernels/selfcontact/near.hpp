@@ -30,6 +30,7 @@ struct Sweep {
   Plane<T> box, group, cone;  // kBox planes of blocks and of groups; 6 of blocks, the box of their normals
   // Of blocks where `filled` says so: kBox rows of kCells, of their cells; of every cell of these kRecord numbers.
   Plane<T> slots, records;
+  Plane<T> room;                       // of blocks: how far their vertices may stray from their ways
   std::vector<char> filled, fresh;     // fresh: only what lies in these blocks is searched
   std::vector<std::uint16_t> level;    // of such blocks: bit i if cell i is even
   std::vector<int> at;                 // of every block its first cell, -1 where the sheet has none
@@ -52,7 +53,8 @@ struct Looking {
 template <class T>
 struct NearLanes {
   void (*boxes)(Sweep<T>&, T cell_area);
-  void (*blocks)(Sweep<T>&, T reach);
+  // Blocks that come nearer than reach + 2 skin are close; others leave their vertices `room` to stray, up to most.
+  void (*blocks)(Sweep<T>&, T reach, T skin, T most);
   void (*cells)(Sweep<T>&, T reach);
   // Of all close cells: wait[i][k], in how many steps to look first at their parts k, 0 where these stay apart by reach
   // and skin while vertices go their ways in `time`. Parts 0, 1: vertex of the first, lower and upper triangle of the
@@ -64,9 +66,10 @@ struct NearLanes {
   // whose vector turned round since went through each other, and its vector is the old way round.
   void (*look)(const T* x, const T* v, int width, const int (*parts)[4], const int* which, int count, bool edges,
                const Looking<T>&, T (*side)[3], std::uint8_t* wait);
-  // The largest square of how far the vertices of every lane are from x0 + since * v0.
-  void (*drift)(const T* x, const T* x0, const T* v0, int rows, int cols, std::ptrdiff_t stride, const T* since,
-                T* most);
+  // Of every lane: the largest square of how far its vertices are from x0 + since * v0, and whether that is more than
+  // the square of their `room` for some.
+  void (*drift)(const T* x, const T* x0, const T* v0, const T* room, int rows, int cols, std::ptrdiff_t stride,
+                const T* since, T* most, T* astray);
 };
 DECLARE_LANES(NearLanes<float>)
 DECLARE_LANES(NearLanes<double>)
