@@ -40,21 +40,23 @@ void row_of_normals(Sweep<T>& s, int r, int c0, int c1, int right, T unit) {
   }
 }
 
-// Cells i + c and j + c are neighbours.
+// What cells i + c are told of their neighbours j + c.
 template <class T>
-void join(Sweep<T>& s, std::size_t i, std::size_t j, int count) {
+void join_one(Sweep<T>& s, std::size_t i, std::size_t j, int count) {
   const T *const x = s.normal.data(), *const y = x + s.plane, *const z = y + s.plane;
   T* const even = s.even.data();
-  const auto level = [&](std::size_t a, std::size_t b) __attribute__((always_inline)) {
+  const T small = T(kSmall * kSmall), least = T(kLevel * kLevel);
+#pragma GCC ivdep
+  for (int c = 0; c < count; ++c) {
+    const std::size_t a = i + c, b = j + c;
     const T d = x[a] * x[b] + (y[a] * y[b] + z[a] * z[b]);
     const T m = x[a] * x[a] + (y[a] * y[a] + z[a] * z[a]), n = x[b] * x[b] + (y[b] * y[b] + z[b] * z[b]);
-    const T small = T(kSmall * kSmall), least = T(kLevel * kLevel);
-    return (m > small && n > small && d > T(0) && d * d > least * m * n) ? T(1) : T(-1);
-  };
-#pragma GCC ivdep
-  for (int c = 0; c < count; ++c) even[i + c] = lesser(even[i + c], level(i + c, j + c));
-#pragma GCC ivdep
-  for (int c = 0; c < count; ++c) even[j + c] = lesser(even[j + c], level(i + c, j + c));
+    even[a] = lesser(even[a], (m > small && n > small && d > T(0) && d * d > least * m * n) ? T(1) : T(-1));
+  }
+}
+template <class T>
+void join(Sweep<T>& s, std::size_t i, std::size_t j, int count) {
+  join_one(s, i, j, count), join_one(s, j, i, count);
 }
 
 template <class T>
@@ -104,6 +106,87 @@ void to_blocks(const Sweep<T>& s, const T* plane, int rows, int cols, int more, 
 }
 
 template <class T>
+void group_box(Sweep<T>& s, int g) {
+  const std::size_t stride = s.group.size() / kBox;
+  for (int k = 0; k < kBox; ++k) {
+    const T* const from = s.box.data() + std::size_t(k) * s.blocks + g * kCells;
+    T v = from[0];
+    for (int i = 1; i < kCells; ++i) v = k / 3 % 2 ? greater(v, from[i]) : lesser(v, from[i]);
+    s.group[k * stride + g] = v;
+  }
+}
+
+template <class T>
+void fresh_boxes(Sweep<T>& s, T cell_area) {
+  const T unit = T(0.5) / cell_area;
+  const int across = s.periodic ? s.cols : s.cols - 1;
+  for (int b = 0; b < s.blocks; ++b) {
+    if (!s.fresh[b] || s.at[b] < 0) continue;
+    for (int k = 0; k < 6; ++k) {
+      const T* const x = (k < 3 ? s.now : s.then).data() + k % 3 * s.plane;
+      T lo = T(kFar), hi = T(-kFar);
+      s.each_vertex(b, [&](int i) { lo = lesser(lo, x[i]), hi = greater(hi, x[i]); });
+      T* const to = s.box.data() + std::size_t(k + k / 3 * 3) * s.blocks + b;
+      to[0] = lo, to[std::size_t(3) * s.blocks] = hi;
+    }
+    const int first = s.at[b], r1 = std::min(kSide, s.rows - 1 - s.row[first]), c1 = std::min(kSide, across - s.col[first]);
+    for (int r = 0; r < r1; ++r) {
+      const int row = s.row[first] + r, c0 = s.col[first], inner = std::min(c0 + c1, s.cols - 1);
+      row_of_normals(s, row, c0, inner, 1, unit);
+      if (c0 + c1 > inner) row_of_normals(s, row, inner, inner + 1, 1 - s.cols, unit);
+    }
+    for (int k = 0; k < 3; ++k) {
+      T lo = T(kFar), hi = T(-kFar);
+      for (int r = 0; r < r1; ++r)
+        for (int c = 0; c < c1; ++c) {
+          const T v = s.normal[k * s.plane + first + r * s.cols + c];
+          lo = lesser(lo, v), hi = greater(hi, v);
+        }
+      s.cone[std::size_t(k) * s.blocks + b] = lo, s.cone[std::size_t(3 + k) * s.blocks + b] = hi;
+    }
+  }
+  for (int g = 0; g < s.groups; ++g)
+    if (std::any_of(s.fresh.begin() + g * kCells, s.fresh.begin() + (g + 1) * kCells, [](char f) { return f != 0; }))
+      group_box(s, g);
+  for (int b = 0; b < s.blocks; ++b) {
+    if (!s.fresh[b] || s.at[b] < 0) continue;
+    const int first = s.at[b], r1 = std::min(kSide, s.rows - 1 - s.row[first]), c1 = std::min(kSide, across - s.col[first]);
+    for (int r = 0; r < r1; ++r) {
+      const std::size_t i = first + r * s.cols;
+      for (int c = 0; c < c1; ++c) s.even[i + c] = T(1);
+      const bool more = s.col[first] + c1 < across;
+      const int row = s.row[first] + r;
+      join_one(s, i, i + 1, c1 - 1 + more);
+      if (s.col[first] > 0) join_one(s, i, i - 1, 1);
+      if (row + 2 < s.rows) join_one(s, i, i + s.cols, c1);
+      if (row > 0) join_one(s, i, i - s.cols, c1);
+      if (s.periodic && s.col[first] == 0) join_one(s, i, i + s.cols - 1, 1);
+      if (s.periodic && !more) join_one(s, i + c1 - 1, i - s.col[first], 1);
+    }
+  }
+}
+
+template <class T>
+int stray(Sweep<T>& s, const Plane<T>& x, T part) {
+  thread_local Plane<T> far, lo, hi;
+  const int n = s.rows * s.cols;
+  far.resize(s.plane), lo.resize(s.blocks), hi.resize(s.blocks);
+  const T *const a = s.now.data(), *const b = s.then.data(), *const c = x.data(), *const slack = s.slack.data();
+  T* const to = far.data();
+  const std::size_t p = s.plane;
+#pragma GCC ivdep
+  for (int i = 0; i < n; ++i) {
+    const T u = c[i] - (a[i] + part * (b[i] - a[i])), v = c[p + i] - (a[p + i] + part * (b[p + i] - a[p + i]));
+    const T w = c[2 * p + i] - (a[2 * p + i] + part * (b[2 * p + i] - a[2 * p + i]));
+    to[i] = u * u + (v * v + w * w) - slack[i];
+  }
+  to_blocks(s, far.data(), s.rows, s.cols, 1, lo.data(), hi.data());
+  int many = 0;
+  for (int k = 0; k < s.blocks; ++k) s.fresh[k] = s.at[k] >= 0 && hi[k] > 0, many += s.fresh[k];
+  return many;
+}
+
+template <class T>
 void boxes(Sweep<T>& s, T cell_area) {
   normals(s, cell_area);
   const int across = s.periodic ? s.cols : s.cols - 1;
@@ -114,14 +197,7 @@ void boxes(Sweep<T>& s, T cell_area) {
     to_blocks(s, s.then.data() + from, s.rows, s.cols, 1, box + 2 * three, box + 3 * three);
     to_blocks(s, s.normal.data() + from, s.rows - 1, across, 0, cone, cone + three);
   }
-  const std::size_t stride = s.group.size() / kBox;
-  for (int g = 0; g < s.groups; ++g)
-    for (int k = 0; k < kBox; ++k) {
-      const T* const from = s.box.data() + std::size_t(k) * s.blocks + g * kCells;
-      T v = from[0];
-      for (int i = 1; i < kCells; ++i) v = k / 3 % 2 ? greater(v, from[i]) : lesser(v, from[i]);
-      s.group[k * stride + g] = v;
-    }
+  for (int g = 0; g < s.groups; ++g) group_box(s, g);
 }
 
 // A bit for every lane in which a < b.
@@ -221,18 +297,21 @@ void blocks(Sweep<T>& s, T near, T skin, T most) {
   s.close_blocks.clear();
   for (int b = 0; b < s.blocks; ++b)
     if (s.fresh[b]) s.room[b] = most;
+  thread_local std::vector<char> some_fresh;
+  some_fresh.assign(s.groups, 0);
+  for (int b = 0; b < s.blocks; ++b) some_fresh[b / kCells] |= s.fresh[b];
   for (int g = 0; g < s.groups; ++g)
     for (int from = g / n * n; from < s.groups; from += n)
       for (unsigned groups = meet(s.group.data() + g, stride, reach, s.group.data() + from, stride); groups;
            groups &= groups - 1) {
         const int h = from + __builtin_ctz(groups);
-        if (h < g || h >= s.groups) continue;
+        if (h < g || h >= s.groups || !(some_fresh[g] | some_fresh[h])) continue;
         unsigned some = 0;
         for (int k = 0; k < kCells; k += n)
           some |= meet(s.group.data() + h, stride, reach, s.box.data() + g * kCells + k, s.blocks) << k;
         for (; some; some &= some - 1) {
           const int a = g * kCells + __builtin_ctz(some);
-          if (s.at[a] < 0) continue;
+          if (s.at[a] < 0 || !(s.fresh[a] | some_fresh[h])) continue;
           for (int k = h * kCells; k < (h + 1) * kCells; k += n)
             for (unsigned found = meet(s.box.data() + a, s.blocks, reach, s.box.data() + k, s.blocks); found;
                  found &= found - 1) {
@@ -245,6 +324,10 @@ void blocks(Sweep<T>& s, T near, T skin, T most) {
             }
         }
       }
+  std::fill_n(s.slack.data(), s.rows * s.cols, most * most);
+  for (int b = 0; b < s.blocks; ++b)
+    if (s.at[b] >= 0 && s.room[b] < most)
+      s.each_vertex(b, [&](int i) { s.slack[i] = lesser(s.slack[i], s.room[b] * s.room[b]); });
 }
 
 }  // namespace

@@ -22,11 +22,9 @@ class SelfContact {
 
  private:
   bool strayed();
-  template <class Use>
-  void each_block(int vertex, const Use& use) const;
   void search();
   bool refresh();
-  void find(T time);
+  void find(T time, bool anew);
   void look(bool edges, std::vector<int>& which);
   // Whether they are still nearer than half their reach.
   bool resolve(int part, bool edges, int steps);
@@ -43,6 +41,8 @@ class SelfContact {
   std::vector<char> known_;             // of elements: whether a pair that begins with it is in sides_
   std::vector<std::pair<std::array<int, 4>, std::array<T, 3>>> sides_;
   int now_ = 0;
+  Plane<T> here_;
+  std::vector<char> stays_;
   const Strips<T>* strips_ = nullptr;
   Fields<T> f_;
   int member_ = 0, since_ = 0, seen_ = 0;  // steps since the last search, until parts of it were searched anew

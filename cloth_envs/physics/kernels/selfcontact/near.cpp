@@ -12,7 +12,7 @@ void Sweep<T>::shape(int rows_, int cols_, bool periodic_) {
   groups = group_rows * group_cols, blocks = groups * kCells;
   plane = padded(rows * cols + 2 * kBlock);
   for (auto* planes : {&now, &then, &normal}) planes->assign(3 * plane, T(0));
-  even.assign(plane, T(0)), records.assign(kRecord * plane, T(0));
+  even.assign(plane, T(0)), slack.assign(plane, T(0)), records.assign(kRecord * plane, T(0));
   box.assign(kBox * blocks, T(0)), cone.assign(6 * blocks, T(0)), group.assign(kBox * padded(groups), T(0));
   slots.assign(std::size_t(kBox) * kCells * blocks, T(0));
   room.assign(blocks, T(0)), filled.assign(blocks, 0), fresh.assign(blocks, 1), level.assign(blocks, 0), at.assign(blocks, -1);

@@ -2,6 +2,7 @@
 // blocks of cells by their boxes, then cells by theirs and by their planes, then distances. All of it errs towards too
 // many.
 #pragma once
+#include <algorithm>
 #include <cstdint>
 #include <utility>
 #include <vector>
@@ -30,7 +31,7 @@ struct Sweep {
   Plane<T> box, group, cone;  // kBox planes of blocks and of groups; 6 of blocks, the box of their normals
   // Of blocks where `filled` says so: kBox rows of kCells, of their cells; of every cell of these kRecord numbers.
   Plane<T> slots, records;
-  Plane<T> room;                       // of blocks: how far their vertices may stray from their ways
+  Plane<T> room, slack;                // of blocks: how far their vertices may stray; of vertices, the square of that
   std::vector<char> filled, fresh;     // fresh: only what lies in these blocks is searched
   std::vector<std::uint16_t> level;    // of such blocks: bit i if cell i is even
   std::vector<int> at;                 // of every block its first cell, -1 where the sheet has none
@@ -40,6 +41,16 @@ struct Sweep {
   std::vector<int> of_block;           // of close cells, which of close_blocks they are in
 
   void shape(int rows, int cols, bool periodic);
+  // use(vertex) for all that a block has: its cells' corners.
+  template <class Use>
+  void each_vertex(int block, const Use& use) const {
+    const int first = at[block], r1 = std::min(kSide + 1, rows - row[first]), left = cols - col[first];
+    const int c1 = std::min(kSide + 1, left);
+    for (int r = 0; r < r1; ++r) {
+      for (int c = 0; c < c1; ++c) use(first + r * cols + c);
+      if (periodic && left <= kSide) use(first + r * cols - col[first]);
+    }
+  }
 };
 
 // How often close parts are looked at: one that lies `far` apart and closes at a speed u, in
@@ -53,6 +64,9 @@ struct Looking {
 template <class T>
 struct NearLanes {
   void (*boxes)(Sweep<T>&, T cell_area);
+  void (*fresh_boxes)(Sweep<T>&, T cell_area);  // of fresh blocks alone
+  // Marks blocks as fresh of which a vertex, now at x, strayed from the point `part` of its way; how many.
+  int (*stray)(Sweep<T>&, const Plane<T>& x, T part);
   // Blocks that come nearer than reach + 2 skin are close; others leave their vertices `room` to stray, up to most.
   void (*blocks)(Sweep<T>&, T reach, T skin, T most);
   void (*cells)(Sweep<T>&, T reach);
