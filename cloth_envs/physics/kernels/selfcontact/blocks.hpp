@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdlib>
+#include <cstring>
 
 #include "../base/simd.hpp"
 #include "near.hpp"
@@ -16,6 +17,7 @@ constexpr double kFlat = 0.35;  // least part of the rest area that cells of fla
 constexpr double kSmall = 0.3;  // of the rest area, of cells whose normals tell little
 constexpr double kLevel = 0.2;  // least cosine between neighbours' normals where cells up to kApart apart do not meet
 constexpr int kApart = 2;
+constexpr double kTaken = 0.7;  // of their room, from which blocks are searched anew
 
 template <class T>
 inline T lesser(T a, T b) {
@@ -26,11 +28,12 @@ inline T greater(T a, T b) {
   return a > b ? a : b;
 }
 
+// Normals of cells c0 to c1 - 1 of row r.
 template <class T>
 void row_of_normals(Sweep<T>& s, int r, int c0, int c1, int right, T unit) {
   const std::size_t first = std::size_t(r) * s.cols;
   const int down = s.cols, corner = right + down;
-  const T *const X = s.now.data() + first, *const Y = X + s.plane, *const Z = Y + s.plane;
+  const T *const X = s.x.data() + first, *const Y = X + s.plane, *const Z = Y + s.plane;
   T *const nx = s.normal.data() + first, *const ny = nx + s.plane, *const nz = ny + s.plane;
 #pragma GCC ivdep
   for (int c = c0; c < c1; ++c) {
@@ -42,7 +45,7 @@ void row_of_normals(Sweep<T>& s, int r, int c0, int c1, int right, T unit) {
 
 // What cells i + c are told of their neighbours j + c.
 template <class T>
-void join_one(Sweep<T>& s, std::size_t i, std::size_t j, int count) {
+void join(Sweep<T>& s, std::size_t i, std::size_t j, int count) {
   const T *const x = s.normal.data(), *const y = x + s.plane, *const z = y + s.plane;
   T* const even = s.even.data();
   const T small = T(kSmall * kSmall), least = T(kLevel * kLevel);
@@ -54,150 +57,114 @@ void join_one(Sweep<T>& s, std::size_t i, std::size_t j, int count) {
     even[a] = lesser(even[a], (m > small && n > small && d > T(0) && d * d > least * m * n) ? T(1) : T(-1));
   }
 }
+
+// Normals of cells c0 to c1 - 1 of rows r0 to r1 - 1, and then whether they are even.
 template <class T>
-void join(Sweep<T>& s, std::size_t i, std::size_t j, int count) {
-  join_one(s, i, j, count), join_one(s, j, i, count);
+void normals(Sweep<T>& s, int r0, int r1, int c0, int c1, T unit) {
+  const int last = s.cols - 1, inner = std::min(c1, last);
+  for (int r = r0; r < r1; ++r) {
+    row_of_normals(s, r, c0, inner, 1, unit);
+    if (c1 > last) row_of_normals(s, r, last, s.cols, -last, unit);
+  }
+}
+template <class T>
+void evenness(Sweep<T>& s, int r0, int r1, int c0, int c1) {
+  const int across = s.periodic ? s.cols : s.cols - 1;
+  for (int r = r0; r < r1; ++r) {
+    const std::size_t row = std::size_t(r) * s.cols, i = row + c0;
+    std::fill_n(s.even.data() + i, c1 - c0, T(1));
+    const int right = std::min(c1, across - 1), left = std::max(c0, 1);
+    join(s, i, i + 1, right - c0), join(s, row + left, row + left - 1, c1 - left);
+    if (s.periodic && c0 == 0) join(s, row, row + s.cols - 1, 1);
+    if (s.periodic && c1 == s.cols) join(s, row + s.cols - 1, row, 1);
+    if (r + 2 < s.rows) join(s, i, i + s.cols, c1 - c0);
+    if (r > 0) join(s, i, i - s.cols, c1 - c0);
+  }
+}
+
+// A block's points from a plane of vertices; some numbers behind `to` are written too.
+template <class T>
+inline void points(const Sweep<T>& s, int block, const T* plane, T* to) {
+  const int first = s.at[block];
+  if (s.row[first] + kSide < s.rows && s.col[first] + kSide < s.cols) {
+    for (int r = 0; r <= kSide; ++r) std::memcpy(to + r * (kSide + 1), plane + first + r * s.cols, 8 * sizeof(T));
+    for (int k = kPoints; k < kWide; ++k) to[k] = to[kPoints - 1];
+  } else {
+    for (int k = 0; k < kWide; ++k) to[k] = plane[s.point[kWide * block + k]];
+  }
+}
+
+// Lane 0 gets the lowest of low and the highest of high.
+template <class T, int half>
+__attribute__((always_inline)) inline void halve(V<T>& low, V<T>& high) {
+  constexpr int n = kLanes<T>;
+  decltype(low < high) other;
+#pragma GCC unroll 16
+  for (int k = 0; k < n; ++k) other[k] = (k + half) % n;
+  const V<T> l = pick(low, low, other), h = pick(high, high, other);
+  low = l < low ? l : low, high = h > high ? h : high;
+  if constexpr (half > 1) halve<T, half / 2>(low, high);
+}
+
+// Lowest and highest of the points from + t * way, or of them alone without ways.
+template <class T>
+inline void extent(const T* from, const T* way, T t, T* lo, T* hi) {
+  constexpr int n = kLanes<T>;
+  V<T> low = load(from) + t * load(way), high = low;
+  for (int k = n; k < kWide; k += n) {
+    const V<T> x = load(from + k) + t * load(way + k);
+    low = x < low ? x : low, high = x > high ? x : high;
+  }
+  halve<T, n / 2>(low, high);
+  *lo = low[0], *hi = high[0];
 }
 
 template <class T>
-void normals(Sweep<T>& s, T cell_area) {
-  const int cols = s.cols, last = cols - 1, across = s.periodic ? cols : last;
-  const T unit = T(0.5) / cell_area;
-  for (int r = 0; r + 1 < s.rows; ++r) {
-    row_of_normals(s, r, 0, last, 1, unit);
-    if (s.periodic) row_of_normals(s, r, last, cols, -last, unit);
+void boxes(Sweep<T>& s, T cell_area, bool all) {
+  const std::size_t n = s.blocks;
+  const int across = s.periodic ? s.cols : s.cols - 1;
+  const T unit = T(0.5) / cell_area, part = (s.time - s.before) / (s.end - s.before);
+  if (all) {
+    normals(s, 0, s.rows - 1, 0, across, unit), evenness(s, 0, s.rows - 1, 0, across);
+  } else {  // points of a box go straight: its sides are never outside of what lies between now and the end
+    for (int k = 0; k < 6; ++k)
+      for (std::size_t b = 0; b < n; ++b) s.box[k * n + b] += part * (s.box[(k + 6) * n + b] - s.box[k * n + b]);
   }
-  std::fill(s.even.begin(), s.even.end(), T(1));
-  for (int r = 0; r + 1 < s.rows; ++r) {
-    const std::size_t i = std::size_t(r) * cols;
-    join(s, i, i + 1, across - 1);
-    if (s.periodic) join(s, i, i + last, 1);
-    if (r + 2 < s.rows) join(s, i, i + cols, across);
-  }
-}
-
-// Of every block lowest and highest of a plane's `rows` x `cols` first numbers; blocks are `more` rows and columns
-// larger than their cells.
-template <class T>
-void to_blocks(const Sweep<T>& s, const T* plane, int rows, int cols, int more, T* lo, T* hi) {
-  thread_local std::vector<T> lines;
-  lines.resize(2 * (s.cols + 1));
-  T *const low = lines.data(), *const high = low + s.cols + 1;
-  std::fill_n(lo, s.blocks, T(kFar)), std::fill_n(hi, s.blocks, T(-kFar));
-  const int most = s.periodic && more ? cols + 1 : cols;
-  for (int b = 0; b < s.block_rows; ++b) {
-    const int r0 = b * kSide, r1 = std::min(r0 + kSide + more, rows);
-    if (r1 <= r0) continue;
-    std::copy_n(plane + std::size_t(r0) * s.cols, s.cols, low), std::copy_n(low, s.cols, high);
-    for (int r = r0 + 1; r < r1; ++r) {
-      const T* const row = plane + std::size_t(r) * s.cols;
-#pragma GCC ivdep
-      for (int c = 0; c < s.cols; ++c) low[c] = lesser(low[c], row[c]), high[c] = greater(high[c], row[c]);
+  s.before = s.time;
+  for (const bool second : {false, true})
+    for (int b = 0; b < s.blocks; ++b) {
+      if (s.at[b] < 0 || !s.fresh[b]) continue;
+      const int r0 = s.row[s.at[b]], r1 = std::min(r0 + kSide, s.rows - 1);
+      const int c0 = s.col[s.at[b]], c1 = std::min(c0 + kSide, across);
+      if (second) {
+        if (!all) evenness(s, r0, r1, c0, c1);
+        continue;
+      }
+      if (!all) normals(s, r0, r1, c0, c1, unit);
+      for (int k = 0; k < 3; ++k) {
+        T *const start = s.start.data() + (std::size_t(3) * b + k) * kWide, *const way = s.way.data() + (start - s.start.data());
+        points(s, b, s.x.data() + k * s.plane, start), points(s, b, s.v.data() + k * s.plane, way);
+        for (int i = 0; i < kWide; ++i) start[i] -= s.time * way[i];
+        extent(start, way, s.time, &s.box[k * n + b], &s.box[(3 + k) * n + b]);
+        extent(start, way, s.end, &s.box[(6 + k) * n + b], &s.box[(9 + k) * n + b]);
+        T lo = T(kFar), hi = T(-kFar);
+        for (int r = r0; r < r1; ++r)
+          for (int c = c0; c < c1; ++c) {
+            const T v = s.normal[k * s.plane + std::size_t(r) * s.cols + c];
+            lo = lesser(lo, v), hi = greater(hi, v);
+          }
+        s.cone[k * n + b] = lo, s.cone[(3 + k) * n + b] = hi;
+      }
     }
-    low[s.cols] = low[0], high[s.cols] = high[0];
-    const int first = b / kSide * s.group_cols * kCells + b % kSide * kSide;
-    for (int a = 0; a < s.block_cols; ++a) {
-      const int c0 = a * kSide, c1 = std::min(c0 + kSide + more, most);
-      T l = T(kFar), h = T(-kFar);
-      for (int c = c0; c < c1; ++c) l = lesser(l, low[c]), h = greater(h, high[c]);
-      lo[first + a / kSide * kCells + a % kSide] = l, hi[first + a / kSide * kCells + a % kSide] = h;
-    }
-  }
-}
-
-template <class T>
-void group_box(Sweep<T>& s, int g) {
   const std::size_t stride = s.group.size() / kBox;
-  for (int k = 0; k < kBox; ++k) {
-    const T* const from = s.box.data() + std::size_t(k) * s.blocks + g * kCells;
-    T v = from[0];
-    for (int i = 1; i < kCells; ++i) v = k / 3 % 2 ? greater(v, from[i]) : lesser(v, from[i]);
-    s.group[k * stride + g] = v;
-  }
-}
-
-template <class T>
-void fresh_boxes(Sweep<T>& s, T cell_area) {
-  const T unit = T(0.5) / cell_area;
-  const int across = s.periodic ? s.cols : s.cols - 1;
-  for (int b = 0; b < s.blocks; ++b) {
-    if (!s.fresh[b] || s.at[b] < 0) continue;
-    for (int k = 0; k < 6; ++k) {
-      const T* const x = (k < 3 ? s.now : s.then).data() + k % 3 * s.plane;
-      T lo = T(kFar), hi = T(-kFar);
-      s.each_vertex(b, [&](int i) { lo = lesser(lo, x[i]), hi = greater(hi, x[i]); });
-      T* const to = s.box.data() + std::size_t(k + k / 3 * 3) * s.blocks + b;
-      to[0] = lo, to[std::size_t(3) * s.blocks] = hi;
+  for (int k = 0; k < kBox; ++k)
+    for (int g = 0; g < s.groups; ++g) {
+      const bool low = k / 3 % 2 == 0;
+      T v = T(low ? kFar : -kFar);
+      for (int i = g * kCells; i < (g + 1) * kCells; ++i)
+        if (s.at[i] >= 0) v = low ? lesser(v, s.box[k * n + i]) : greater(v, s.box[k * n + i]);
+      s.group[k * stride + g] = v;
     }
-    const int first = s.at[b], r1 = std::min(kSide, s.rows - 1 - s.row[first]), c1 = std::min(kSide, across - s.col[first]);
-    for (int r = 0; r < r1; ++r) {
-      const int row = s.row[first] + r, c0 = s.col[first], inner = std::min(c0 + c1, s.cols - 1);
-      row_of_normals(s, row, c0, inner, 1, unit);
-      if (c0 + c1 > inner) row_of_normals(s, row, inner, inner + 1, 1 - s.cols, unit);
-    }
-    for (int k = 0; k < 3; ++k) {
-      T lo = T(kFar), hi = T(-kFar);
-      for (int r = 0; r < r1; ++r)
-        for (int c = 0; c < c1; ++c) {
-          const T v = s.normal[k * s.plane + first + r * s.cols + c];
-          lo = lesser(lo, v), hi = greater(hi, v);
-        }
-      s.cone[std::size_t(k) * s.blocks + b] = lo, s.cone[std::size_t(3 + k) * s.blocks + b] = hi;
-    }
-  }
-  for (int g = 0; g < s.groups; ++g)
-    if (std::any_of(s.fresh.begin() + g * kCells, s.fresh.begin() + (g + 1) * kCells, [](char f) { return f != 0; }))
-      group_box(s, g);
-  for (int b = 0; b < s.blocks; ++b) {
-    if (!s.fresh[b] || s.at[b] < 0) continue;
-    const int first = s.at[b], r1 = std::min(kSide, s.rows - 1 - s.row[first]), c1 = std::min(kSide, across - s.col[first]);
-    for (int r = 0; r < r1; ++r) {
-      const std::size_t i = first + r * s.cols;
-      for (int c = 0; c < c1; ++c) s.even[i + c] = T(1);
-      const bool more = s.col[first] + c1 < across;
-      const int row = s.row[first] + r;
-      join_one(s, i, i + 1, c1 - 1 + more);
-      if (s.col[first] > 0) join_one(s, i, i - 1, 1);
-      if (row + 2 < s.rows) join_one(s, i, i + s.cols, c1);
-      if (row > 0) join_one(s, i, i - s.cols, c1);
-      if (s.periodic && s.col[first] == 0) join_one(s, i, i + s.cols - 1, 1);
-      if (s.periodic && !more) join_one(s, i + c1 - 1, i - s.col[first], 1);
-    }
-  }
-}
-
-template <class T>
-int stray(Sweep<T>& s, const Plane<T>& x, T part) {
-  thread_local Plane<T> far, lo, hi;
-  const int n = s.rows * s.cols;
-  far.resize(s.plane), lo.resize(s.blocks), hi.resize(s.blocks);
-  const T *const a = s.now.data(), *const b = s.then.data(), *const c = x.data(), *const slack = s.slack.data();
-  T* const to = far.data();
-  const std::size_t p = s.plane;
-#pragma GCC ivdep
-  for (int i = 0; i < n; ++i) {
-    const T u = c[i] - (a[i] + part * (b[i] - a[i])), v = c[p + i] - (a[p + i] + part * (b[p + i] - a[p + i]));
-    const T w = c[2 * p + i] - (a[2 * p + i] + part * (b[2 * p + i] - a[2 * p + i]));
-    to[i] = u * u + (v * v + w * w) - slack[i];
-  }
-  to_blocks(s, far.data(), s.rows, s.cols, 1, lo.data(), hi.data());
-  int many = 0;
-  for (int k = 0; k < s.blocks; ++k) s.fresh[k] = s.at[k] >= 0 && hi[k] > 0, many += s.fresh[k];
-  return many;
-}
-
-template <class T>
-void boxes(Sweep<T>& s, T cell_area) {
-  normals(s, cell_area);
-  const int across = s.periodic ? s.cols : s.cols - 1;
-  for (int k = 0; k < 3; ++k) {
-    T *const box = s.box.data() + std::size_t(k) * s.blocks, *const cone = s.cone.data() + std::size_t(k) * s.blocks;
-    const std::size_t from = k * s.plane, three = std::size_t(3) * s.blocks;
-    to_blocks(s, s.now.data() + from, s.rows, s.cols, 1, box, box + three);
-    to_blocks(s, s.then.data() + from, s.rows, s.cols, 1, box + 2 * three, box + 3 * three);
-    to_blocks(s, s.normal.data() + from, s.rows - 1, across, 0, cone, cone + three);
-  }
-  for (int g = 0; g < s.groups; ++g) group_box(s, g);
 }
 
 // A bit for every lane in which a < b.
@@ -289,17 +256,15 @@ inline T box_gap(const T* a, const T* b, std::size_t step) {
 }
 
 template <class T>
-void blocks(Sweep<T>& s, T near, T skin, T most) {
+void blocks(Sweep<T>& s, T near, T room, T most) {
   constexpr int n = kLanes<T>;
   const std::size_t stride = s.group.size() / kBox;
   const int next = kSide + (s.periodic ? kSide - 1 : 0);
-  const T reach = near + 2 * most, close = near + 2 * skin;
-  s.close_blocks.clear();
-  for (int b = 0; b < s.blocks; ++b)
-    if (s.fresh[b]) s.room[b] = most;
+  const T reach = near + most;
   thread_local std::vector<char> some_fresh;
   some_fresh.assign(s.groups, 0);
   for (int b = 0; b < s.blocks; ++b) some_fresh[b / kCells] |= s.fresh[b];
+  s.close.clear();
   for (int g = 0; g < s.groups; ++g)
     for (int from = g / n * n; from < s.groups; from += n)
       for (unsigned groups = meet(s.group.data() + g, stride, reach, s.group.data() + from, stride); groups;
@@ -316,18 +281,63 @@ void blocks(Sweep<T>& s, T near, T skin, T most) {
             for (unsigned found = meet(s.box.data() + a, s.blocks, reach, s.box.data() + k, s.blocks); found;
                  found &= found - 1) {
               const int b = k + __builtin_ctz(found);
-              if (b < a || s.at[b] < 0 || !(s.fresh[a] | s.fresh[b]) || (beside(s, s.at[a], s.at[b], next) && flat(s, a, b))) continue;
-              const T gap = box_gap(s.box.data() + a, s.box.data() + b, s.blocks);
-              const T room = gap < close ? skin : (gap - near) / 2;
-              s.room[a] = lesser(s.room[a], room), s.room[b] = lesser(s.room[b], room);
-              if (gap < close) s.close_blocks.push_back({a, b});
+              if (b < a || s.at[b] < 0 || !(s.fresh[a] | s.fresh[b])) continue;
+              if (beside(s, s.at[a], s.at[b], next) && flat(s, a, b)) continue;
+              const T gap = box_gap(s.box.data() + a, s.box.data() + b, s.blocks) - near;
+              if (gap < room) s.close.push_back(int(s.pairs.size()));
+              s.pairs.push_back({a, b, greater(gap, room), true});
             }
         }
       }
-  std::fill_n(s.slack.data(), s.rows * s.cols, most * most);
-  for (int b = 0; b < s.blocks; ++b)
-    if (s.at[b] >= 0 && s.room[b] < most)
-      s.each_vertex(b, [&](int i) { s.slack[i] = lesser(s.slack[i], s.room[b] * s.room[b]); });
+}
+
+template <class T>
+T stray(Sweep<T>& s, T room, T most, T* far) {
+  const std::size_t n = s.blocks;
+  alignas(64) T now[kWide];
+  T mean[3] = {0, 0, 0};
+  int count = 0;
+  for (int b = 0; b < s.blocks; ++b) {
+    s.fresh[b] = 0;
+    if (s.at[b] < 0) continue;
+    T spread = 0;
+    ++count;
+    for (int k = 0; k < 3; ++k) {
+      const T *const start = s.start.data() + (std::size_t(3) * b + k) * kWide, *const way = s.way.data() + (start - s.start.data());
+      points(s, b, s.x.data() + k * s.plane, now);
+      for (int i = 0; i < kWide; ++i) now[i] -= start[i];
+      T lo, hi;
+      extent(now, way, -s.time, &lo, &hi);
+      s.shift[k * n + b] = (lo + hi) / 2, mean[k] += (lo + hi) / 2, spread += (hi - lo) * (hi - lo) / 4;
+    }
+    s.shift[3 * n + b] = std::sqrt(spread);
+  }
+  T worst = 0, furthest = 0;
+  const T* const shift = s.shift.data();
+  thread_local std::vector<T> own;
+  own.assign(n, T(0));
+  const auto mark = [&](T strayed, T room, int a, int b) {
+    const T part = strayed / room;
+    worst = greater(worst, part);
+    if (!(part < T(kTaken))) s.fresh[own[a] < own[b] ? b : a] = 1;
+  };
+  for (int b = 0; b < s.blocks; ++b) {
+    if (s.at[b] < 0) continue;
+    T square = 0;
+    for (int k = 0; k < 3; ++k) square += (shift[k * n + b] - mean[k] / count) * (shift[k * n + b] - mean[k] / count);
+    own[b] = std::sqrt(square) + shift[3 * n + b];
+    mark(own[b], most / 2, b, b);
+  }
+  for (const BlockPair<T>& p : s.pairs) {
+    if (!p.live) continue;
+    T square = 0;
+    for (int k = 0; k < 3; ++k) square += (shift[k * n + p.a] - shift[k * n + p.b]) * (shift[k * n + p.a] - shift[k * n + p.b]);
+    const T strayed = std::sqrt(square) + (shift[3 * n + p.a] + shift[3 * n + p.b]);
+    if (p.room <= room) furthest = greater(furthest, strayed);
+    mark(strayed, p.room, p.a, p.b);
+  }
+  *far = furthest;
+  return worst;
 }
 
 }  // namespace

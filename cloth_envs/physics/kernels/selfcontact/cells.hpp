@@ -12,54 +12,43 @@ namespace minicloth {
 namespace LANES {
 namespace {
 
-template <class T>
-void record(Sweep<T>& s, int cell) {
-  T* const to = s.records.data() + std::size_t(kRecord) * cell;
-  for (int q = 0; q < 4; ++q)
-    for (int k = 0; k < 3; ++k) {
-      const std::size_t at = k * s.plane + s.corner[q][cell];
-      to[3 * q + k] = s.now[at], to[12 + 3 * q + k] = s.then[at];
-    }
-}
-
-// The boxes of a block's cells side by side; where there are none they are empty.
+// The boxes of a block's cells side by side, empty where there are none, and their records.
 template <class T>
 const T* slots(Sweep<T>& s, int block) {
   typedef T Four __attribute__((vector_size(4 * sizeof(T))));
   T* const to = s.slots.data() + std::size_t(block) * kBox * kCells;
   if (s.filled[block]) return to;
   s.filled[block] = 1;
+  constexpr int n = kLanes<T>, next = kSide + 1;
   const int first = s.at[block], rows = std::min(kSide, s.rows - s.row[first]);
   const int cols = std::min(kSide, s.cols - s.col[first]);
   unsigned level = 0;
   for (int r = 0; r < rows; ++r)
-    for (int c = 0; c < cols; ++c) {
-      level |= unsigned(s.even[first + r * s.cols + c] > T(0)) << (r * kSide + c);
-      record(s, first + r * s.cols + c);
-    }
+    for (int c = 0; c < cols; ++c) level |= unsigned(s.even[first + r * s.cols + c] > T(0)) << (r * kSide + c);
   s.level[block] = std::uint16_t(level);
   const auto four = [](const T* p) {
     Four v;
     std::memcpy(&v, p, sizeof v);
     return v;
   };
-  const int across = s.corner[1][first + cols - 1] - (first + cols - 1);
-  for (int r = 0; r < kSide; ++r) {
-    const int cell = first + std::min(r, rows - 1) * s.cols, down = s.corner[2][cell] - cell;
-    for (int k = 0; k < 6; ++k) {
-      const T* const x = (k < 3 ? s.now : s.then).data() + k % 3 * s.plane + cell;
+  for (int k = 0; k < 6; ++k) {
+    alignas(64) T x[kWide];
+    const T *const start = s.start.data() + (std::size_t(3) * block + k % 3) * kWide, *const way = s.way.data() + (start - s.start.data());
+    for (int i = 0; i < kWide; i += n) store<T>(x + i, load(start + i) + (k < 3 ? s.time : s.end) * load(way + i));
+    for (int r = 0; r < kSide; ++r) {
       T *const lo = to + (k + k / 3 * 3) * kCells + r * kSide, *const hi = lo + 3 * kCells;
-      const Four p = four(x), q = four(x + 1), u = four(x + down), v = four(x + down + 1);
+      const Four p = four(x + r * next), q = four(x + r * next + 1), u = four(x + (r + 1) * next), v = four(x + (r + 1) * next + 1);
       const Four pl = p < q ? p : q, ul = u < v ? u : v, ph = p > q ? p : q, uh = u > v ? u : v;
       const Four low = pl < ul ? pl : ul, high = ph > uh ? ph : uh;
       std::memcpy(lo, &low, sizeof low), std::memcpy(hi, &high, sizeof high);
-      if (across != 1) {  // the last column
-        const int c = cols - 1;
-        const T a = x[c], b = x[c + across], d = x[c + down], e = x[c + across + down];
-        lo[c] = lesser(lesser(a, b), lesser(d, e)), hi[c] = greater(greater(a, b), greater(d, e));
-      }
       for (int c = r < rows ? cols : 0; c < kSide; ++c) lo[c] = T(kFar), hi[c] = T(-kFar);
     }
+    for (int r = 0; r < rows; ++r)
+      for (int c = 0; c < cols; ++c) {
+        T* const to = s.records.data() + std::size_t(kRecord) * (first + r * s.cols + c) + k / 3 * 12 + k % 3;
+        const T* const at = x + r * next + c;
+        to[0] = at[0], to[3] = at[1], to[6] = at[next], to[9] = at[next + 1];
+      }
   }
   return to;
 }
@@ -83,8 +72,9 @@ void cells(Sweep<T>& s, T reach) {
   constexpr int n = kLanes<T>;
   static const Around around;
   std::fill(s.filled.begin(), s.filled.end(), 0);
-  s.close_cells.clear(), s.of_block.clear();
-  for (const auto& [a, b] : s.close_blocks) {
+  s.cells.clear();
+  for (const int number : s.close) {
+    const int a = s.pairs[number].a, b = s.pairs[number].b;
     const T *const first = slots(s, a), *const second = slots(s, b);
     unsigned some = 0, those = 0;
     for (int k = 0; k < kCells; k += n) some |= meet(s.box.data() + b, s.blocks, reach, first + k, kCells) << k;
@@ -105,7 +95,7 @@ void cells(Sweep<T>& s, T reach) {
       for (found &= wanted; found; found &= found - 1) {
         const int j = __builtin_ctz(found), to = s.at[b] + j / kSide * s.cols + j % kSide;
         if (s.periodic && lesser(s.even[at], s.even[to]) > T(0) && beside(s, at, to, kApart)) continue;
-        s.close_cells.push_back({at, to}), s.of_block.push_back(int(&a - &s.close_blocks[0].first) / 2);
+        s.cells.push_back({at, to, number});
       }
     }
   }
@@ -151,7 +141,7 @@ inline void get_pairs(const Sweep<T>& s, const int* which, int count, Pairs<T>& 
   for (int half = 0; half < 2; ++half) {
     const T* from[n];
     for (int l = 0; l < n; ++l) {
-      const auto& pair = s.close_cells[which[std::min(l, count - 1)]];
+      const CellPair& pair = s.cells[which[std::min(l, count - 1)]];
       from[l] = s.records.data() + std::size_t(kRecord) * (half ? pair.second : pair.first);
     }
     V<T> field[kRecord];
@@ -187,11 +177,12 @@ inline V<T> gap(const Pairs<T>& p, int half) {
 }
 
 template <class T>
-void parts(const Sweep<T>& s, const Looking<T>& vertices, const Looking<T>& edges, T skin, T time,
+void parts(const Sweep<T>& s, const Looking<T>& vertices, const Looking<T>& edges, T room,
            std::uint8_t (*wait)[kParts + 2]) {
   constexpr int n = kLanes<T>;
+  const T time = s.end - s.time;
   thread_local std::vector<int> all, with_vertices, with_edges;
-  const int count = int(s.close_cells.size());
+  const int count = int(s.cells.size());
   while (int(all.size()) < count) all.push_back(int(all.size()));
   with_vertices.clear(), with_edges.clear();
   if (count) std::memset(wait, 0, sizeof(*wait) * count);
@@ -200,8 +191,8 @@ void parts(const Sweep<T>& s, const Looking<T>& vertices, const Looking<T>& edge
   for (int first = 0; first < count; first += n) {
     get_pairs(s, all.data() + first, count - first, p);
     const V<T> a = gap(p, 0), b = gap(p, 1), apart = a > b ? a : b;
-    const unsigned near = less<T>(apart, V<T>{} + (vertices.reach + skin));
-    const unsigned nearer = less<T>(apart, V<T>{} + (edges.reach + skin));
+    const unsigned near = less<T>(apart, V<T>{} + (vertices.reach + room));
+    const unsigned nearer = less<T>(apart, V<T>{} + (edges.reach + room));
     for (int l = 0; l < n && first + l < count; ++l) {
       if (near >> l & 1) with_vertices.push_back(first + l);
       if (nearer >> l & 1) with_edges.push_back(first + l);
@@ -212,7 +203,7 @@ void parts(const Sweep<T>& s, const Looking<T>& vertices, const Looking<T>& edge
   // Parts k to k + many of the pairs in `list`. What of(i) says about the i-th: its Nearest, and its four points now and
   // later. Along the line between the nearest points now, the gap is never less than the lesser of now and later.
   const auto tests = [&](const std::vector<int>& list, const Looking<T>& how, int k, int many, const auto& of) {
-    const V<T> limit = V<T>{} + (how.reach + skin), steps_in_time = V<T>{} + time / how.h;
+    const V<T> limit = V<T>{} + (how.reach + room), steps_in_time = V<T>{} + time / how.h;
     for (int first = 0; first < int(list.size()); first += n) {
       const int left = int(list.size()) - first;
       get_pairs(s, list.data() + first, left, p);

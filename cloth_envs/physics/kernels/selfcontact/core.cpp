@@ -7,17 +7,19 @@
 #include "../base/vec.hpp"
 
 double dbg_t[8];
+double ph[2][8];
+extern "C" __attribute__((visibility("default"))) double* minicloth_ph() { return ph[0]; }
 extern "C" __attribute__((visibility("default"))) double* minicloth_dbg() { return dbg_t; }
 namespace minicloth {
 SelfStats self_stats;
-double self_tune[16] = {1, 4, 32, 0.5, 0.3, 5, .1, 4, 0, 0, 0, 0, 0, 0, 0, .4};
+double self_tune[16] = {1, 4, 12, 0.5, 0.3, 5, .1, 4, 0, 0, 0, 0, 0, 0, 0, .4};
 long self_hist[20]; double self_min[4];
 static double now_s() { timespec t; clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t); return t.tv_sec + 1e-9 * t.tv_nsec; }
 
 namespace {
 #define kEdges T(self_tune[0])      // of a layer's thickness, how near edges come
 #define kEvery int(self_tune[1])    // steps between two looks at what is close
-#define kSearch int(self_tune[2])   // steps after which what may come close is searched for anew, at the latest
+#define kSearch std::max(8, int(self_tune[2] * 1e-3 / h_))   // steps after which what may come close is searched for anew, at the latest
 #define kSkin T(self_tune[3])       // layers, how far a vertex may be from where it was going until then
 #define kPush T(self_tune[4])       // of what is missing, how much a step makes up for
 #define kCalm T(1)
@@ -35,8 +37,7 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
   layer_ = T(self_tune[8]), friction_ = T(self_tune[9]), h_ = T(h), damping_ = T(damping);
   strips_ = &s, f_ = f, member_ = member, cell_area_ = sheet.row_length * sheet.col_length;
   sweep_.shape(sheet.rows, sheet.cols, sheet.periodic);
-  x0_.resize(s.field), v0_.resize(s.field), room_.assign(s.field, T(1e9));
-  haste_ = kHaste;
+  haste_ = kHaste, most_ = std::max(2 * kSkin * layer_, T(2 * self_tune[15] * std::sqrt(cell_area_)));
   mobility_.resize(s.field);
   for (int i = 0; i < int(s.places.size()); ++i) {
     const int r = i / sheet.cols, c = i % sheet.cols;
@@ -53,112 +54,69 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
   search();
 }
 
-// Blocks that have a vertex: its own, and those before it along rows and columns, where it is their last.
 template <class T>
-template <class Use>
-void SelfContact<T>::each_block(int i, const Use& use) const {
-  const auto block = [&](int r, int c) {
-    const int br = r / kSide, bc = c / kSide;
-    return (br / kSide * sweep_.group_cols + bc / kSide) * kCells + br % kSide * kSide + bc % kSide;
-  };
-  const int r = sweep_.row[i], c = sweep_.col[i], before = c > 0 ? c - 1 : sweep_.cols - 1;
-  const bool up = r > 0 && r % kSide == 0, left = c % kSide == 0 && (c > 0 || sweep_.periodic);
-  use(block(r, c));
-  if (up) use(block(r - 1, c));
-  if (left) use(block(r, before));
-  if (up && left) use(block(r - 1, before));
+void SelfContact<T>::get(const T* field, Plane<T>& to) const {
+  const int n = int(strips_->places.size());
+  for (int k = 0; k < 3; ++k) {
+    const T* const from = field + k * strips_->width + member_;
+    T* const plane = to.data() + k * sweep_.plane;
+    for (int i = 0; i < n; ++i) plane[i] = from[strips_->places[i]];
+  }
 }
 
-// All anew.
 template <class T>
 void SelfContact<T>::search() {
   const double t0 = now_s();
-  const Strips<T>& s = *strips_;
-  const int n = int(s.places.size());
-  std::copy_n(f_.x, s.field, x0_.data()), std::copy_n(f_.v, s.field, v0_.data());
-  const T time = h_ * T(kSearch + kEvery);
-  for (int k = 0; k < 3; ++k) {
-    T *const now = sweep_.now.data() + k * sweep_.plane, *const then = sweep_.then.data() + k * sweep_.plane;
-    const T *const x = f_.x + k * s.width + member_, *const v = f_.v + k * s.width + member_;
-    for (int i = 0; i < n; ++i) now[i] = x[s.places[i]], then[i] = now[i] + time * v[s.places[i]];
-  }
-  double t1=now_s(); self_tune[10]=std::min(self_tune[10],t1-t0);
+  get(f_.x, sweep_.x), get(f_.v, sweep_.v);
+  ph[1][0]+=now_s()-t0;
+  sweep_.time = sweep_.before = 0, sweep_.end = h_ * T(kSearch + 1);
   std::fill(sweep_.fresh.begin(), sweep_.fresh.end(), 1);
   remember();
+  sweep_.pairs.clear();
   parts_.clear(), side_.clear(), owner_.clear();
   for (auto& kind : due_)
     for (auto& due : kind) due.clear();
-  since_ = seen_ = 0;
-  find(time);
+  since_ = 0, check_ = kEvery;
+  find(true);
   self_stats.search += now_s() - t0, self_stats.searches++;
 }
 
-// Only what lies in blocks of which a vertex strayed from its way; false if these are many.
 template <class T>
-bool SelfContact<T>::refresh() {
+void SelfContact<T>::check() {
   const double t0 = now_s();
-  const Strips<T>& s = *strips_;
-  const int n = int(s.places.size());
-  const T since = h_ * T(since_);
-  std::fill(sweep_.fresh.begin(), sweep_.fresh.end(), 0);
-  int many = 0;
-  for (int i = 0; i < n; ++i) {
-    const T *const x = f_.x + s.places[i] + member_, *const a = x0_.data() + s.places[i] + member_,
-                  *const u = v0_.data() + s.places[i] + member_;
-    T far = 0;
-    for (int k = 0; k < 3; ++k) {
-      const T d = x[k * s.width] - (a[k * s.width] + since * u[k * s.width]);
-      far += d * d;
-    }
-    if (far > room_[s.places[i] + member_]) each_block(i, [&](int b) { many += !sweep_.fresh[b], sweep_.fresh[b] = 1; });
-  }
-  self_stats.moved += many;
-  if (4 * many > sweep_.block_rows * sweep_.block_cols) return false;
-  // All go on to where they are now, those of fresh blocks alone from where they are and as they go.
-  const T total = h_ * T(kSearch + kEvery), left = total - since, part = T(since_ - seen_) / T(kSearch + kEvery - seen_);
-  seen_ = since_;
-  for (std::size_t i = 0; i < sweep_.now.size(); ++i) sweep_.now[i] += part * (sweep_.then[i] - sweep_.now[i]);
-  for (int i = 0; i < n; ++i) {
-    bool all = true;
-    each_block(i, [&](int b) { all &= sweep_.fresh[b] != 0; });
-    if (!all) continue;
-    for (int k = 0; k < 3; ++k) {
-      const std::size_t at = s.places[i] + member_ + k * s.width, to = k * sweep_.plane + i;
-      sweep_.now[to] = f_.x[at], sweep_.then[to] = f_.x[at] + left * f_.v[at];
-      x0_[at] = f_.x[at] - since * f_.v[at], v0_[at] = f_.v[at];
-    }
-  }
+  const T room = 2 * kSkin * layer_;
+  T far;
+  sweep_.time = h_ * T(since_);
+  get(f_.x, sweep_.x);
+  const T worst = lanes<NearLanes<T>>().stray(sweep_, room, most_, &far);
+  haste_ = std::min(std::max(2 * far / sweep_.time, kCalm), kHaste);
+  const double grows = std::sqrt(0.7 / std::max(double(worst), 1e-6)) - 1;
+  const int many = int(std::count(sweep_.fresh.begin(), sweep_.fresh.end(), 1));
+  check_ = since_ + (many ? kEvery : std::min(std::max(int(since_ * grows), 2), 16));
+  ph[0][0]+=now_s()-t0; self_hist[1]++;
+  if (!many) { self_stats.drift += now_s() - t0; return; }
+  if (2 * many > sweep_.block_rows * sweep_.block_cols) return search();
+  get(f_.v, sweep_.v);
   remember();
-  for (auto& owner : owner_)
-    if (owner.first >= 0 && (sweep_.fresh[owner.first] | sweep_.fresh[owner.second])) owner.first = -1;
-  find(left);
-  self_stats.search += now_s() - t0, self_stats.searches++;
+  for (BlockPair<T>& pair : sweep_.pairs) pair.live &= !(sweep_.fresh[pair.a] | sweep_.fresh[pair.b]);
+  find(false);
   self_hist[0]++;
-  return true;
+  self_stats.search += now_s() - t0, self_stats.searches++, self_stats.moved += many;
 }
 
 template <class T>
-void SelfContact<T>::find(T time) {
+void SelfContact<T>::find(bool anew) {
   const auto& near = lanes<NearLanes<T>>();
-  const T skin = 2 * kSkin * layer_;
+  const T room = 2 * kSkin * layer_;
   double t1=now_s();
-  near.boxes(sweep_, T(cell_area_)); double t2=now_s(); self_tune[11]=std::min(self_tune[11],t2-t1);
-  const T cell = T(std::sqrt(cell_area_));
-  near.blocks(sweep_, layer_, kSkin * layer_, std::max(kSkin * layer_, T(self_tune[15]) * cell));
-  {
-    const Strips<T>& s = *strips_;
-    for (int i = 0; i < int(s.places.size()); ++i) {
-      T room = T(1e9);
-      each_block(i, [&](int b) { room = std::min(room, sweep_.room[b]); });
-      room_[s.places[i] + member_] = room * room;
-    }
-  } double t3=now_s(); self_tune[12]=std::min(self_tune[12],t3-t2);
-  near.cells(sweep_, layer_ + skin); double t4=now_s(); self_tune[13]=std::min(self_tune[13],t4-t3);
-  const auto& pairs = sweep_.close_cells;
+  near.boxes(sweep_, T(cell_area_), anew); double t2=now_s(); ph[anew][1]+=t2-t1;
+  near.blocks(sweep_, layer_, room, most_); double t3=now_s(); ph[anew][2]+=t3-t2;
+  near.cells(sweep_, layer_ + room); double t4=now_s(); ph[anew][3]+=t4-t3;
+  const auto& pairs = sweep_.cells;
   first_.resize(pairs.size());
   const Looking<T> of[2] = {{layer_, layer_ / 2, haste_, h_}, {kEdges * layer_, kEdges * layer_ / 2, haste_, h_}};
-  near.parts(sweep_, of[0], of[1], skin, time, reinterpret_cast<std::uint8_t(*)[kParts + 2]>(first_.data()));
-  double t5=now_s(); self_tune[14]=std::min(self_tune[14],t5-t4);
+  near.parts(sweep_, of[0], of[1], room, reinterpret_cast<std::uint8_t(*)[kParts + 2]>(first_.data()));
+  double t5=now_s(); ph[anew][4]+=t5-t4;
   for (std::size_t p = 0; p < pairs.size(); ++p) {
     if (!first_[p][kParts] && !first_[p][kParts + 1]) continue;
     int at[2][4];
@@ -180,16 +138,16 @@ void SelfContact<T>::find(T time) {
       }
       if (none) continue;
       due_[k >= kVertexParts][(now_ + wait - 1) % (kMostSteps + 1)].push_back(int(parts_.size()));
-      parts_.push_back(x), side_.push_back({}), owner_.push_back(sweep_.close_blocks[sweep_.of_block[p]]);
+      parts_.push_back(x), side_.push_back({}), owner_.push_back(pairs[p].blocks);
       if (known_[x[0]]) {
         const auto found = std::lower_bound(sides_.begin(), sides_.end(), x, [](const auto& a, const auto& b) { return a.first < b; });
         if (found != sides_.end() && found->first == x) side_.back() = found->second;
       }
     }
   }
-  self_min[0]=std::min(self_min[0],now_s()-t5);
+  ph[anew][5]+=now_s()-t5; ph[anew][6]+=1; ph[anew][7]+=pairs.size();
   self_stats.ee += parts_.size();
-  self_stats.blocks += sweep_.close_blocks.size(), self_stats.cells += pairs.size();
+  self_stats.blocks += sweep_.close.size(), self_stats.cells += pairs.size();
 }
 
 template <class T>
@@ -197,23 +155,9 @@ void SelfContact<T>::remember() {
   for (const auto& side : sides_) known_[side.first[0]] = 0;
   sides_.clear();
   for (const int part : touched_)
-    if (owner_[part].first >= 0) sides_.push_back({parts_[part], side_[part]}), known_[parts_[part][0]] = 1;
+    sides_.push_back({parts_[part], side_[part]}), known_[parts_[part][0]] = 1;
   std::sort(sides_.begin(), sides_.end());
   touched_.clear();
-}
-
-template <class T>
-bool SelfContact<T>::strayed() {
-  constexpr int n = 64 / sizeof(T);
-  alignas(64) T since[n], most[n], astray[n];
-  std::fill_n(since, strips_->width, T(since_ * h_));
-  const auto first = strips_->at(0, 0);
-  lanes<NearLanes<T>>().drift(f_.x + first, x0_.data() + first, v0_.data() + first, room_.data() + first,
-                              strips_->rows, strips_->cols, strips_->stride, since, most, astray);
-  const int begin = strips_->banded ? 0 : member_, end = strips_->banded ? strips_->width : member_ + 1;
-  const T far = *std::max_element(most + begin, most + end);
-  haste_ = std::min(std::max(2 * std::sqrt(far) / (since_ * h_), kCalm), kHaste);
-  return !(*std::max_element(astray + begin, astray + end) <= 0);
 }
 
 template <class T>
@@ -224,14 +168,13 @@ void SelfContact<T>::step() {
   now_ = (now_ + 1) % (kMostSteps + 1);
   self_stats.resolve += now_s() - t0, self_stats.checks++;
   t0 = now_s();
-  const bool old = since_ >= kSearch, astray = since_ % kEvery == 0 && strayed();
-  self_stats.drift += now_s() - t0;
-  if (old || (astray && !refresh())) search();
+  if (since_ >= kSearch) search();
+  else if (since_ >= check_) check();
 }
 
 template <class T>
 void SelfContact<T>::look(bool edges, std::vector<int>& which) {
-  which.erase(std::remove_if(which.begin(), which.end(), [&](int part) { return owner_[part].first < 0; }), which.end());
+  which.erase(std::remove_if(which.begin(), which.end(), [&](int part) { return !sweep_.pairs[owner_[part]].live; }), which.end());
   const int count = int(which.size());
   if (!count) return;
   self_stats.hits += count;

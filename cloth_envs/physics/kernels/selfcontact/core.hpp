@@ -21,10 +21,10 @@ class SelfContact {
   void step();
 
  private:
-  bool strayed();
+  void get(const T* field, Plane<T>& to) const;
   void search();
-  bool refresh();
-  void find(T time, bool anew);
+  void check();
+  void find(bool all);
   void look(bool edges, std::vector<int>& which);
   // Whether they are still nearer than half their reach.
   bool resolve(int part, bool edges, int steps);
@@ -34,21 +34,18 @@ class SelfContact {
   // Vertices and triangles, then from edges_ on edges: elements of a field.
   std::vector<std::array<int, 4>> parts_;
   std::vector<std::array<T, 3>> side_;  // of every pair, see NearLanes::look
-  std::vector<std::pair<int, int>> owner_;  // of every pair its blocks; -1 where it was found anew since
+  std::vector<int> owner_;              // of every pair the pair of blocks that it was found in
   std::vector<int> due_[2][kMostSteps + 1];  // parts of both kinds to look at in so many steps, as a ring
   std::vector<std::pair<int, int>> acts_;
   std::vector<int> touched_;            // parts that were kept apart since the last search
   std::vector<char> known_;             // of elements: whether a pair that begins with it is in sides_
   std::vector<std::pair<std::array<int, 4>, std::array<T, 3>>> sides_;
   int now_ = 0;
-  Plane<T> here_;
-  std::vector<char> stays_;
   const Strips<T>* strips_ = nullptr;
   Fields<T> f_;
-  int member_ = 0, since_ = 0, seen_ = 0;  // steps since the last search, until parts of it were searched anew
-  T layer_ = 0, friction_ = 0, h_ = 0, damping_ = 0, haste_ = 0;
+  int member_ = 0, since_ = 0, check_ = 0;  // steps since the last search, when to check
+  T layer_ = 0, friction_ = 0, h_ = 0, damping_ = 0, haste_ = 0, most_ = 0;
   double cell_area_ = 1;
-  Plane<T> x0_, v0_, room_;   // fields: where vertices were and how they went, squares of how far they may stray
   std::vector<T> mobility_;   // of elements: over 1 / the area of an inner vertex, 0 where firmly held
   std::vector<int> corner_[4];  // of every cell: elements of its corners
   std::vector<std::array<std::uint8_t, kParts + 2>> first_;

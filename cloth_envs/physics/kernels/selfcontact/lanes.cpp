@@ -7,7 +7,7 @@ namespace LANES {
 namespace {
 
 template <class T>
-const NearLanes<T> instance = {boxes<T>, fresh_boxes<T>, stray<T>, blocks<T>, cells<T>, parts<T>, look<T>, drift<T>};
+const NearLanes<T> instance = {boxes<T>, blocks<T>, cells<T>, parts<T>, stray<T>, look<T>};
 
 }  // namespace
 }  // namespace LANES

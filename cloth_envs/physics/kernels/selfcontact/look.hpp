@@ -1,4 +1,4 @@
-// When to look at close parts again, and how far vertices strayed. Included where it is compiled for an instruction set.
+// When to look at close parts again. Included where it is compiled for an instruction set.
 #pragma once
 #include <algorithm>
 
@@ -65,25 +65,6 @@ void look(const T* x, const T* v, int width, const int (*parts)[4], const int* w
       for (int k = 0; k < 3; ++k) side[which[first + l]][k] = old[k][l];
     }
   }
-}
-
-template <class T>
-void drift(const T* x, const T* x0, const T* v0, const T* room, int rows, int cols, std::ptrdiff_t stride,
-           const T* since, T* most, T* astray) {
-  constexpr int n = kLanes<T>, q = 3 * n;
-  const V<T> t = load(since);
-  V<T> high = {}, worst = {};
-  for (int r = 0; r < rows; ++r, x += stride, x0 += stride, v0 += stride, room += stride)
-    for (int i = 0; i < cols * q; i += q) {
-      V<T> d2 = {};
-      for (int k = 0; k < q; k += n) {
-        const V<T> d = load(x + i + k) - (load(x0 + i + k) + t * load(v0 + i + k));
-        d2 += d * d;
-      }
-      const V<T> more = d2 - load(room + i);
-      high = d2 > high ? d2 : high, worst = more > worst ? more : worst;
-    }
-  store<T>(most, high), store<T>(astray, worst);
 }
 
 }  // namespace

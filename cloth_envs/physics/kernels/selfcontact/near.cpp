@@ -1,5 +1,7 @@
 #include "near.hpp"
 
+#include <algorithm>
+
 namespace minicloth {
 
 template <class T>
@@ -10,17 +12,13 @@ void Sweep<T>::shape(int rows_, int cols_, bool periodic_) {
   block_rows = parts(rows), block_cols = parts(cols);
   group_rows = parts(block_rows), group_cols = parts(block_cols);
   groups = group_rows * group_cols, blocks = groups * kCells;
-  plane = padded(rows * cols + 2 * kBlock);
-  for (auto* planes : {&now, &then, &normal}) planes->assign(3 * plane, T(0));
-  even.assign(plane, T(0)), slack.assign(plane, T(0)), records.assign(kRecord * plane, T(0));
+  plane = padded(rows * cols + 4 * kBlock);
+  for (auto* planes : {&x, &v, &normal}) planes->assign(3 * plane, T(0));
+  even.assign(plane, T(0)), records.assign(kRecord * plane, T(0));
+  for (auto* points : {&start, &way}) points->assign(std::size_t(3) * kWide * blocks, T(0));
   box.assign(kBox * blocks, T(0)), cone.assign(6 * blocks, T(0)), group.assign(kBox * padded(groups), T(0));
-  slots.assign(std::size_t(kBox) * kCells * blocks, T(0));
-  room.assign(blocks, T(0)), filled.assign(blocks, 0), fresh.assign(blocks, 1), level.assign(blocks, 0), at.assign(blocks, -1);
-  for (int b = 0; b < blocks; ++b) {
-    const int g = b / kCells, i = b % kCells;
-    const int r = g / group_cols * kSide + i / kSide, c = g % group_cols * kSide + i % kSide;
-    if (r < block_rows && c < block_cols) at[b] = r * kSide * cols + c * kSide;
-  }
+  shift.assign(4 * blocks, T(0)), slots.assign(std::size_t(kBox) * kCells * blocks, T(0));
+  filled.assign(blocks, 0), fresh.assign(blocks, 0), level.assign(blocks, 0);
   row.clear(), col.clear();
   for (auto& c : corner) c.clear();
   for (int i = 0; i < rows * cols; ++i) {
@@ -28,6 +26,17 @@ void Sweep<T>::shape(int rows_, int cols_, bool periodic_) {
     const int right = col[i] + 1 < cols ? 1 : periodic ? 1 - cols : 0, down = row[i] + 1 < rows ? cols : 0;
     corner[0].push_back(i), corner[1].push_back(i + right);
     corner[2].push_back(i + down), corner[3].push_back(i + right + down);
+  }
+  at.assign(blocks, -1), point.assign(std::size_t(kWide) * blocks, 0);
+  for (int b = 0; b < blocks; ++b) {
+    const int g = b / kCells, i = b % kCells;
+    const int r0 = (g / group_cols * kSide + i / kSide) * kSide, c0 = (g % group_cols * kSide + i % kSide) * kSide;
+    if (r0 >= rows || c0 >= cols) continue;
+    at[b] = r0 * cols + c0;
+    for (int k = 0; k < kWide; ++k) {
+      const int j = std::min(k, kPoints - 1), r = std::min(r0 + j / (kSide + 1), rows - 1), c = c0 + j % (kSide + 1);
+      point[kWide * b + k] = r * cols + (periodic ? std::min(c, cols) % cols : std::min(c, cols - 1));
+    }
   }
 }
 

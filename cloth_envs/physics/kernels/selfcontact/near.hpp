@@ -2,9 +2,8 @@
 // blocks of cells by their boxes, then cells by theirs and by their planes, then distances. All of it errs towards too
 // many.
 #pragma once
-#include <algorithm>
+#include <array>
 #include <cstdint>
-#include <utility>
 #include <vector>
 
 #include "../base/dispatch.hpp"
@@ -12,10 +11,24 @@
 
 namespace minicloth {
 
-constexpr int kSide = 4, kCells = kSide * kSide;  // cells along a block's side, in a block; the same of blocks in a group
-constexpr int kBox = 12;     // lo and hi x, y, z of points now, then of them later
-constexpr int kRecord = 32;  // numbers of a cell: x, y, z of its corners now, then later, and 8 that are free
-constexpr int kVertexParts = 4, kParts = 13;      // pairs of a vertex and a triangle, and all, of two cells: see parts
+constexpr int kSide = 4, kCells = kSide * kSide;   // cells along a block's side, in a block; the same of blocks in a group
+constexpr int kPoints = (kSide + 1) * (kSide + 1);  // of a block: its cells' corners
+constexpr int kWide = 32;                           // the same with some to spare, which repeat the last one
+constexpr int kBox = 12;                            // lo and hi x, y, z of points now, then of them at the end
+constexpr int kRecord = 32;                         // numbers of a cell: its corners now, then at the end, and 8 unused
+constexpr int kVertexParts = 4, kParts = 13;        // pairs of a vertex and a triangle, and all, of two cells: see parts
+
+// Two blocks whose points may stray from their ways by `room` against each other before something else than what was
+// found of them may be close; until one of them is searched anew.
+template <class T>
+struct BlockPair {
+  int a, b;
+  T room;
+  bool live;
+};
+struct CellPair {
+  int first, second, blocks;
+};
 
 // Cell (r, c) is numbered as the vertex at its upper left, and owns that vertex, the edges from it to the right, down
 // and along the diagonal, and two triangles; in the last row and column some of these do not exist. Slot i of block or
@@ -25,32 +38,28 @@ struct Sweep {
   int rows = 0, cols = 0;
   bool periodic = false;
   int block_rows, block_cols, group_rows, group_cols, groups, blocks;
-  std::size_t plane;          // numbers in a plane of vertices or cells, some to spare behind
-  Plane<T> now, then;         // of vertices, 3 planes each: where they are, where they will be
-  Plane<T> normal, even;      // of cells, over their rest area; 1 where neighbours are nearly level with it, else -1
-  Plane<T> box, group, cone;  // kBox planes of blocks and of groups; 6 of blocks, the box of their normals
-  // Of blocks where `filled` says so: kBox rows of kCells, of their cells; of every cell of these kRecord numbers.
-  Plane<T> slots, records;
-  Plane<T> room, slack;                // of blocks: how far their vertices may stray; of vertices, the square of that
-  std::vector<char> filled, fresh;     // fresh: only what lies in these blocks is searched
-  std::vector<std::uint16_t> level;    // of such blocks: bit i if cell i is even
+  std::size_t plane;                   // numbers in a plane of vertices or cells, some to spare behind
   std::vector<int> at;                 // of every block its first cell, -1 where the sheet has none
+  std::vector<int> point;              // kWide vertices of every block
   std::vector<int> corner[4];          // vertices of every cell: upper left, upper right, lower left, lower right
   std::vector<std::int16_t> row, col;  // of every cell
-  std::vector<std::pair<int, int>> close_blocks, close_cells;
-  std::vector<int> of_block;           // of close cells, which of close_blocks they are in
+
+  T time, before, end;        // s: now, when boxes were last brought up to date, and until when ways are followed
+  Plane<T> x, v;              // of vertices now, 3 planes each
+  Plane<T> start, way;        // 3 rows of kWide of every block: where its points were at time 0, or would have been, m/s
+  Plane<T> normal, even;      // of cells, over their rest area; 1 where neighbours are nearly level with it, else -1
+  Plane<T> box, group, cone;  // kBox planes of blocks and of groups; 6 of blocks, the box of their normals
+  Plane<T> shift;             // 4 planes of blocks: the middle of the box of how far points strayed, half its diagonal
+  // Of blocks where `filled` says so: kBox rows of kCells, of their cells; of every cell of these kRecord numbers; bit i
+  // of `level` where cell i is even.
+  Plane<T> slots, records;
+  std::vector<char> filled, fresh;  // fresh: only what these blocks meet is searched
+  std::vector<std::uint16_t> level;
+  std::vector<BlockPair<T>> pairs;
+  std::vector<int> close;  // numbers of the pairs to look into
+  std::vector<CellPair> cells;
 
   void shape(int rows, int cols, bool periodic);
-  // use(vertex) for all that a block has: its cells' corners.
-  template <class Use>
-  void each_vertex(int block, const Use& use) const {
-    const int first = at[block], r1 = std::min(kSide + 1, rows - row[first]), left = cols - col[first];
-    const int c1 = std::min(kSide + 1, left);
-    for (int r = 0; r < r1; ++r) {
-      for (int c = 0; c < c1; ++c) use(first + r * cols + c);
-      if (periodic && left <= kSide) use(first + r * cols - col[first]);
-    }
-  }
 };
 
 // How often close parts are looked at: one that lies `far` apart and closes at a speed u, in
@@ -63,27 +72,24 @@ struct Looking {
 
 template <class T>
 struct NearLanes {
-  void (*boxes)(Sweep<T>&, T cell_area);
-  void (*fresh_boxes)(Sweep<T>&, T cell_area);  // of fresh blocks alone
-  // Marks blocks as fresh of which a vertex, now at x, strayed from the point `part` of its way; how many.
-  int (*stray)(Sweep<T>&, const Plane<T>& x, T part);
-  // Blocks that come nearer than reach + 2 skin are close; others leave their vertices `room` to stray, up to most.
-  void (*blocks)(Sweep<T>&, T reach, T skin, T most);
+  // Of fresh blocks, from x and v: their ways from now on, boxes and normals.
+  void (*boxes)(Sweep<T>&, T cell_area, bool all);
+  // Pairs of blocks that have a fresh one: those nearer than near + room are close, up to near + most they are watched.
+  void (*blocks)(Sweep<T>&, T near, T room, T most);
   void (*cells)(Sweep<T>&, T reach);
-  // Of all close cells: wait[i][k], in how many steps to look first at their parts k, 0 where these stay apart by reach
-  // and skin while vertices go their ways in `time`. Parts 0, 1: vertex of the first, lower and upper triangle of the
-  // second; 2, 3: the other way round; 4 + 3 a + b: edges a and b. The last two numbers: any of vertices, of edges.
-  void (*parts)(const Sweep<T>&, const Looking<T>& vertices, const Looking<T>& edges, T skin, T time,
+  // Of all cells found: wait[i][k], in how many steps to look first at their parts k, 0 where these stay apart by reach
+  // and room until the end. Parts 0, 1: vertex of the first, lower and upper triangle of the second; 2, 3: the other
+  // way round; 4 + 3 a + b: edges a and b. The last two numbers: any of vertices, of edges.
+  void (*parts)(const Sweep<T>&, const Looking<T>& vertices, const Looking<T>& edges, T room,
                 std::uint8_t (*wait)[kParts + 2]);
+  // Of blocks that strayed too far from each other by x: marks them as fresh. The largest part of their room that
+  // any took; `far`, the most that close ones strayed [m].
+  T (*stray)(Sweep<T>&, T room, T most, T* far);
   // Of `count` pairs of parts, numbers in `parts`, which are elements of a field: when to look at each again. `side` has
   // of every pair the unit vector from its second to its first part when these were last looked at, 0 before; a pair
   // whose vector turned round since went through each other, and its vector is the old way round.
   void (*look)(const T* x, const T* v, int width, const int (*parts)[4], const int* which, int count, bool edges,
                const Looking<T>&, T (*side)[3], std::uint8_t* wait);
-  // Of every lane: the largest square of how far its vertices are from x0 + since * v0, and whether that is more than
-  // the square of their `room` for some.
-  void (*drift)(const T* x, const T* x0, const T* v0, const T* room, int rows, int cols, std::ptrdiff_t stride,
-                const T* since, T* most, T* astray);
 };
 DECLARE_LANES(NearLanes<float>)
 DECLARE_LANES(NearLanes<double>)
