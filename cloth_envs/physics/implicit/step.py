@@ -147,7 +147,7 @@ class ImplicitStep:
 
         ``before`` is where the vertices were when the bodies ``(C, 2, 3)`` were at ``bodies_before`` (contact is swept
         from there), the decay of ``velocity`` by drag is still to come, ``along`` gives the directions of the dashpots
-        and the facets' normals and areas, the velocities ``slide`` how fast the air slides along facets for its lift.
+        and the cells' normals and areas, the velocities ``slide`` how fast the air slides along cells for its lift.
         Touching vertices get the velocity of their body.
         """
         guess = base + self.tau * self.decay * velocity
