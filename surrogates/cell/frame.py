@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cloth_envs.physics.laws.air import OWN
 from cloth_envs.physics.laws.drives import handle_starts, hermite
 from cloth_envs.physics.laws.step import foresight, kicks
 from cloth_envs.scene import Collider, Scene
@@ -19,20 +20,21 @@ def air_forces(scene: Scene, x: Tensor, v: Tensor, wind: Tensor, pressure: Tenso
     places = (0, 0), (0, 1), (1, 1), (1, 0)  # upper left, upper right, lower right, lower left
     corners = [cut(x, at, scene.grid.cells) for at in places]
     area = torch.linalg.cross(corners[2] - corners[0], corners[1] - corners[3], dim=1) / 2
-    force = torch.zeros_like(area)
+    force = rate = mean = torch.zeros_like(area)
+    speeds = [cut(v, at, scene.grid.cells) for at in places]
     if air is not None:
         size = (_dot(area, area) + TINY).sqrt()
         n = area / size
-        speeds = [cut(v, at, scene.grid.cells) for at in places]
-        relative = (speeds[0] + speeds[1] + speeds[2] + speeds[3]) / 4 - wind[:, :, None, None]
+        mean = (speeds[0] + speeds[1] + speeds[2] + speeds[3]) / 4
+        relative = mean - wind[:, :, None, None]
         across = _dot(n, relative)
         slide = relative - across * n
         speed = (_dot(slide, slide) + TINY).sqrt()
-        stress = (air.normal * across.abs() + air.lift * speed) * across * n + air.tangential * speed * slide
-        force = -air.density / 8 * size * stress
+        rate = air.density / 8 * size * (air.normal * across.abs() + air.lift * speed)
+        force = -rate * across * n - air.density / 8 * size * air.tangential * speed * slide
     total = torch.zeros_like(x)
     for k, at in enumerate(places):
-        share = force
+        share = force - OWN * rate * (speeds[k] - mean)
         if scene.pressure:  # a third of half of each triangle but the one without this corner
             before, after = corners[k - 1], corners[(k + 1) % 4]
             missing = torch.linalg.cross(before - after, corners[k - 2] - after, dim=1) / 2

@@ -2,7 +2,7 @@
 #pragma once
 #include "../sheet/air.hpp"
 #include "core.hpp"
-#include "ghosts.hpp"
+#include "springs.hpp"
 
 namespace minicloth {
 namespace LANES {
@@ -45,51 +45,53 @@ struct Blow {
 // Forces on the corners of each cell, as in sheet/air.hpp: of the air, of pressure or of both.
 template <class T, bool kAir, bool kPressure>
 void slow_air(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
-  constexpr int n = kLanes<T>, q = 3 * n;
+  constexpr int n = kLanes<T>, q = 3 * n, w = 4 * n;
   const V<T> normal = load(p.normal), lift = load(p.lift), tangential = load(p.tangential);
   const V3<T> wind = {T(4) * load(p.wind[0]), T(4) * load(p.wind[1]), T(4) * load(p.wind[2])};
   const int cells = s.periodic ? s.cols : s.cols - 1;
-  std::fill_n(f.low - q, (s.cols + 2) * q, T(0));
+  std::fill_n(f.low - w, (s.cols + 2) * w, T(0));
+  const auto add = [&](int r, int c, const Pulls<T>& all) __attribute__((always_inline)) {
+    T* const to = f.slow + s.at(r, c);
+    V3<T> force = get<T>(to) + all.to;
+    if constexpr (kAir) force = force - all.over * get<T>(f.mid + s.at(r, c));
+    set<T>(to, force);
+  };
   for (int r = 0; r < s.rows; ++r) {
     const V<T> share = load(s.cell.data() + r * n), pressure = share * load(p.pressure);
     const Blow<T> blow = {share * normal, share * lift, share * tangential};
     const T *const x = f.ahead + s.at(r, 0), *const v = f.mid + s.at(r, 0);
-    V3<T> upper_before = {}, lower_before = {};  // on the right corners of the cell before
-    const auto put_corners = [&](int c, const V3<T>& upper, const V3<T>& lower) __attribute__((always_inline)) {
-      T* const to = f.slow + s.at(r, c);
-      set<T>(to, (get<T>(to) + upper) + get<T>(f.low + c * q));
-      set<T>(f.low + c * q, lower);
+    Pulls<T> upper_before = {}, lower_before = {};  // on the right corners of the cell before
+    const auto put_corners = [&](int c, const Pulls<T>& upper, const Pulls<T>& lower) __attribute__((always_inline)) {
+      add(r, c, upper), add(r, c, get_pulls<T>(f.low + c * w));
+      set_pulls<T>(f.low + c * w, lower);
     };
     V3<T> at = get<T>(x), below = get<T>(x + s.stride), pair = {};
     if constexpr (kAir) pair = get<T>(v) + get<T>(v + s.stride);
     for (int c = 0; c < cells; ++c) {
       const V3<T> beside = get<T>(x + (c + 1) * q), across = get<T>(x + s.stride + (c + 1) * q);
       const V3<T> area = cross(across - at, beside - below);  // twice
-      V3<T> corner[4] = {};
+      Pulls<T> corner[4] = {};
       if constexpr (kAir) {
         const V3<T> next = get<T>(v + (c + 1) * q) + get<T>(v + s.stride + (c + 1) * q);
-        corner[0] = air_force(area, (pair + next) - wind, blow), pair = next;
-        for (int k = 1; k < 4; ++k) corner[k] = corner[0];
+        const Blown<T> blown = air_force(area, pair + next, wind, blow);
+        for (int k = 0; k < 4; ++k) corner[k] = {blown.to, blown.over};
+        pair = next;
       }
       if constexpr (kPressure) {
         const Pressed<T> pressed(beside - at, across - at, below - at, area);
-        for (int k = 0; k < 4; ++k) corner[k] = corner[k] + pressure * pressed.corner[k];
+        for (int k = 0; k < 4; ++k) corner[k].to = corner[k].to + pressure * pressed.corner[k];
       }
       put_corners(c, upper_before + corner[0], lower_before + corner[3]);
       upper_before = corner[1], lower_before = corner[2];
       at = beside, below = across;
     }
     if (s.periodic) {
-      T* const to = f.slow + s.at(r, 0);
-      set<T>(to, get<T>(to) + upper_before), set<T>(f.low, get<T>(f.low) + lower_before);
+      add(r, 0, upper_before), set_pulls<T>(f.low, get_pulls<T>(f.low) + lower_before);
     } else {
       put_corners(cells, upper_before, lower_before);
     }
   }
-  for (int c = 0; s.banded && c < s.cols; ++c) {
-    T* const to = f.slow + s.at(0, c);
-    set<T>(to, get<T>(to) + earlier(get<T>(f.low + c * q)));
-  }
+  for (int c = 0; s.banded && c < s.cols; ++c) add(0, c, earlier(get_pulls<T>(f.low + c * w)));
 }
 
 template <class T>

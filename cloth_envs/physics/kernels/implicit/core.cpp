@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "../base/vec.hpp"
+#include "../sheet/air.hpp"
 
 namespace minicloth {
 namespace {
@@ -29,7 +30,7 @@ Potential::Potential(Sheet sheet)
   for (auto [offset, weight] : {std::pair{2, &g.along_far}, std::pair{2 * g.stride, &g.down_far}})
     far_.push_back({offset, weight, Plane<double>(g.size, 0.0)});
   for (auto* plane : {&x_, &g_, &base_, &along_, &v_}) plane->assign(3 * g.size, 0.0);
-  air_.assign(5 * g.size, 0.0);
+  air_.assign(6 * g.size, 0.0);
   mass_.resize(vertices()), target_.resize(3 * vertices());
 }
 
@@ -89,8 +90,9 @@ void Potential::begin(const Stage& s) {
       }
       const double twice = std::sqrt(dot(area, area) + kTiny), through = dot(u, area) / twice;
       const double slide = sheet_.air_lift * std::sqrt(std::max(dot(u, u) - through * through, 0.0));
-      const double all[5] = {area.x / twice, area.y / twice, area.z / twice, twice / 4, slide};
-      for (int k = 0; k < 5; ++k) air_[k * g.size + i] = all[k];
+      const double own = kOwn * twice / 16 * (sheet_.air_normal * std::fabs(through) + slide);
+      const double all[6] = {area.x / twice, area.y / twice, area.z / twice, twice / 4, slide, own};
+      for (int k = 0; k < 6; ++k) air_[k * g.size + i] = all[k];
     });
   each([&](int i, int v) {
     const double area = 1 / g.inverse_area[i];

@@ -64,7 +64,7 @@ class Potential {
   std::vector<Springs> springs_;
   std::vector<Far> far_;
   Plane<double> x_, g_, base_, along_, v_;  // 3 * size, padded as Geometry says
-  Plane<double> air_;                       // 5 * size: what air_energy needs of each cell
+  Plane<double> air_;                       // 6 * size: what air_energy needs of each cell
   std::vector<double> mass_, target_;
   struct Pull {
     int at;

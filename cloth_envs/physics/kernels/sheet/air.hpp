@@ -14,6 +14,8 @@
 
 namespace minicloth {
 
+constexpr double kOwn = 1.0 / 9;  // how much of it counts what a corner is faster than its cell
+
 template <class T>
 struct Cells {  // the air's force on the four corners of the cell at its upper left vertex [N]
   T* corner[4][3];
@@ -46,22 +48,34 @@ namespace {
 
 constexpr int kChunk = 256;  // vertices whose forces are kept before they are added
 
-// A quarter of the force on a cell, n twice its area vector, u four times its velocity through the air:
-// -rho/2 A ((C_n |u_n| + C_l |u_t|) u_n n + C_t |u_t| u_t), there with the unit normal n and u itself.
+// The force on each corner of a cell: `to` less `over` times its velocity.
+template <class T>
+struct Blown {
+  V3<T> to;
+  V<T> over;
+};
+
+// n is twice the cell's area vector, `sum` four times its mean velocity, both with wind. A quarter of
+// -rho/2 A ((C_n |u_n| + C_l |u_t|) u_n n + C_t |u_t| u_t), there with the unit normal n and u itself; and kOwn times
+// as much as along the normal for what the corner is faster than the mean.
 template <class T, class Terms>
-__attribute__((always_inline)) inline V3<T> air_force(const V3<T>& n, const V3<T>& u, const Terms& p) {
+__attribute__((always_inline)) inline Blown<T> air_force(const V3<T>& n, const V3<T>& sum, const V3<T>& wind,
+                                                         const Terms& p) {
+  const V3<T> u = sum - wind;
   const V<T> square = dot(n, n) + T(1e-30), through = dot(n, u), turn = through * reciprocal(square);
   const V<T> rest = square * dot(u, u) - through * through, least = V<T>{} + T(1e-36);
   const V<T> product = rest > least ? rest : least, sliding = product * rsqrt(product);  // 2 A |4 u_t|
   const V<T> size = through < T(0) ? -through : through, drag = p.tangential * sliding;
-  const V<T> push = (drag - (p.normal * size + p.lift * sliding)) * turn;
-  return push * n - drag * u;
+  const V<T> across = p.normal * size + p.lift * sliding, own = T(kOwn) * across;
+  return {((drag - across) * turn) * n - drag * u + own * sum, T(4) * own};
 }
 
 // The same for a long step h: what the air takes of a speed is divided by 1 + h a, a the rate at which it takes it, so
 // that it never turns the flow round.
 template <class T>
-__attribute__((always_inline)) inline V3<T> slowed_air_force(const V3<T>& n, const V3<T>& u, const AirTerms<T>& p) {
+__attribute__((always_inline)) inline Blown<T> slowed_air_force(const V3<T>& n, const V3<T>& sum, const V3<T>& wind,
+                                                                const AirTerms<T>& p) {
+  const V3<T> u = sum - wind;
   const V<T> one = V<T>{} + T(1);
   const V<T> square = dot(n, n) + T(1e-30), inverse = rsqrt(square), through = inverse * dot(n, u);
   const V<T> speed = through < T(0) ? -through : through;
@@ -69,7 +83,8 @@ __attribute__((always_inline)) inline V3<T> slowed_air_force(const V3<T>& n, con
   const V<T> slide2 = dot(slide, slide) + T(1e-30), sliding = slide2 * rsqrt(slide2);
   const V<T> drag = p.tangential * (square * inverse) * sliding / (one + p.slow_tangential * sliding);
   const V<T> across = (p.normal * speed + p.lift * sliding) / (one + p.slow_normal * speed + p.slow_lift * sliding);
-  return (-across * through) * n - drag * slide;
+  const V<T> own = T(kOwn) * (square * inverse) * across;
+  return {own * sum - (across * through) * n - drag * slide, T(4) * own};
 }
 
 // Pressure's force on the corners of a cell, without the pressure / 12: twice the area of the triangles at each. The
@@ -91,31 +106,35 @@ void slowed_air_and_pressure(const Geometry<T>& g, const AirTerms<T>& p, const P
   for (int i = g.begin; i < g.end; i += kLanes<T>) {
     const V3<T> x = at(in.x, i), right = at(in.x, i + 1) - x, across = at(in.x, i + s + 1) - x;
     const V3<T> down = at(in.x, i + s) - x, n = cross(across, right - down);
-    const V3<T> u = ((at(in.v, i) + at(in.v, i + s + 1)) + (at(in.v, i + 1) + at(in.v, i + s))) - wind4;
-    const V3<T> force = slowed_air_force(n, u, p);
+    const V3<T> v[4] = {at(in.v, i), at(in.v, i + 1), at(in.v, i + s + 1), at(in.v, i + s)};
+    const Blown<T> blown = slowed_air_force(n, (v[0] + v[2]) + (v[1] + v[3]), wind4, p);
     const Pressed<T> pressed(right, across, down, n);
     const V<T> share = load(g.cell.data() + i);
-    for (int k = 0; k < 4; ++k) put(out.corner[k], i, share * (force + pressure * pressed.corner[k]));
+    for (int k = 0; k < 4; ++k)
+      put(out.corner[k], i, share * ((blown.to - blown.over * v[k]) + pressure * pressed.corner[k]));
   }
 }
 
 // The energy whose gradient the air's force is in an implicit step:
 // tau A / 2 (C_n |n.u|^3 + 3/2 C_l s |n.u|^2 + C_t |u_t|^3) / 3 for a cell of four corners, u = their mean velocity
-// less the wind and s = |u_t| as the step knows it beforehand: the law itself has no potential. `v` holds velocities,
-// `air` unit normal, A / 2 and density * C_l s; the other coefficients include the density too.
+// less the wind and s = |u_t| as the step knows it beforehand: the law itself has no potential. The same holds for the
+// rate at which corners lose what they are faster than the mean. `v` holds velocities, `air` unit normal, A / 2,
+// density * C_l s and that rate [kg/s]; the other coefficients include the density too.
 inline double air_energy(const double* v, double* g, std::size_t size, int begin, int end, int stride,
                          const double* air, double normal, double tangential, double w0, double w1, double w2) {
-  double f[3][kChunk], energy = 0;
+  double mean[3][kChunk], f[3][kChunk], energy = 0, even = 0;
   const double *n0 = air, *n1 = air + size, *n2 = air + 2 * size, *area = air + 3 * size, *lift = air + 4 * size;
-  const auto mean = [=](const double* u, int i) __attribute__((always_inline)) {
-    return ((u[i] + u[i + stride + 1]) + (u[i + 1] + u[i + stride])) / 4;
-  };
-  const double *v0 = v, *v1 = v + size, *v2 = v + 2 * size;
+  const double* own = air + 5 * size;
+  const int corners[4] = {0, 1, stride + 1, stride};
   for (int first = begin; first < end; first += kChunk) {
     const int count = std::min(kChunk, end - first);
+    for (int axis = 0; axis < 3; ++axis) {
+      const double *a = v + axis * size + first, *b = a + stride;
+      for (int c = 0; c < count; ++c) mean[axis][c] = ((a[c] + b[c + 1]) + (a[c + 1] + b[c])) / 4;
+    }
     for (int c = 0; c < count; ++c) {
       const int i = first + c;
-      const double a = mean(v0, i) - w0, b = mean(v1, i) - w1, d = mean(v2, i) - w2;
+      const double a = mean[0][c] - w0, b = mean[1][c] - w1, d = mean[2][c] - w2;
       const double through = n0[i] * a + n1[i] * b + n2[i] * d;
       const double s0 = a - through * n0[i], s1 = b - through * n1[i], s2 = d - through * n2[i];
       const double square = s0 * s0 + s1 * s1 + s2 * s2, slide = tangential * std::sqrt(square);
@@ -125,13 +144,18 @@ inline double air_energy(const double* v, double* g, std::size_t size, int begin
       f[1][c] = area[i] * (push * n1[i] + slide * s1) / 4;
       f[2][c] = area[i] * (push * n2[i] + slide * s2) / 4;
     }
-    for (const int corner : {0, 1, stride + 1, stride})
+    for (const int corner : corners)
       for (int axis = 0; axis < 3; ++axis) {
-        double* at = g + axis * size + first + corner;
-        for (int c = 0; c < count; ++c) at[c] += f[axis][c];
+        const double* const from = v + axis * size + first + corner;
+        double* const to = g + axis * size + first + corner;
+        for (int c = 0; c < count; ++c) {
+          const double faster = from[c] - mean[axis][c], lost = own[first + c] * faster;
+          even += lost * faster;
+          to[c] += f[axis][c] + lost;
+        }
       }
   }
-  return energy / 3;
+  return energy / 3 + even / 2;
 }
 
 }  // namespace
