@@ -1,7 +1,6 @@
-// What the air does to a cell (cloth_envs.physics.laws.air): by its resistance, a quarter at each corner, and by
-// pressure, half on each of the four triangles that the two diagonals make. A mirrored cloth feels mirrored air.
-// Corners are numbered 0 upper left, 1 upper right, 2 lower right, 3 lower left; triangle k is the one without corner
-// k.
+// What the air does to a cell (cloth_envs.physics.laws.air) by its resistance; and pressure, half of it on each of the
+// four triangles that the two diagonals make. A mirrored cloth feels mirrored air. Corners are numbered 0 upper left, 1
+// upper right, 2 lower right, 3 lower left; triangle k is the one without corner k.
 #pragma once
 #include "../base/geometry.hpp"
 #include "sheet.hpp"
@@ -55,7 +54,7 @@ struct Blown {
   V<T> over;
 };
 
-// n is twice the cell's area vector, `sum` four times its mean velocity, both with wind. A quarter of
+// n is twice the cell's area vector, `sum` four times its mean velocity, `wind` four times the wind's. A quarter of
 // -rho/2 A ((C_n |u_n| + C_l |u_t|) u_n n + C_t |u_t| u_t), there with the unit normal n and u itself; and kOwn times
 // as much as along the normal for what the corner is faster than the mean.
 template <class T, class Terms>
