@@ -16,7 +16,7 @@ GRAVITY = 9.81  # m/s^2
 
 @dataclass(frozen=True)
 class Air:
-    """The air around the cloth, still or blowing, on triangles that move through it with ``u`` at an angle ``a``.
+    """The air around the cloth, still or blowing, on cells that move through it with ``u`` at an angle ``a``.
 
     The pressure along the normal is ``rho/2 |u|^2 (normal sin^2 a + lift sin a cos a)``, the drag of a plate across the
     flow and its lift (Polhamus 1966, as Wejchert & Haumann 1991 without the lift); the friction along the surface
@@ -142,7 +142,7 @@ class Scene:
             "quadratic bending": m.bend_stiffness > 0,
             twist: m.bend_stiffness > 0 and m.twist > 0,
             "drag in proportion to the velocity": m.drag > 0,
-            "air on triangles" + (f" ({self.air})" if self.air else ""): self.air is not None,
+            "air on cells" + (f" ({self.air})" if self.air else ""): self.air is not None,
             "wind": self.windy,
             "pressure" if net is None else "pressure p, four corners a vertex": self.pressure,
             **{f"contact with a {c.kind} ({c.name}), {contact.format(c)}": True for c in self.colliders},

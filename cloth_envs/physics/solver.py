@@ -123,7 +123,7 @@ def air_bound(scene: Scene, material: Material, pressure: float = PRESSURE) -> f
     """Upper bound on the slope of the air's force over the velocity and the mass [1/s], at twice the fastest wind.
 
     In still air cloth is taken to move at up to ``FASTEST``, and faster by what a ``pressure`` [Pa] can drive it to, at
-    which ``rho/2 C_n v^2`` balances it. A triangle's force has the slopes ``rho/2 A`` times
+    which ``rho/2 C_n v^2`` balances it. A cell's force has the slopes ``rho/2 A`` times
     ``2 C_n |u_n| + C_l |u_t|`` and ``C_l u_n`` along its normal, ``2 C_t |u_t|`` and ``C_t |u_t|`` in its plane. The
     norm of their matrix over ``rho A |u|`` is at most ``(C_n^2 + C_l^2 / 2 + C_t^2)^(1/2)``, without lift the larger
     one of ``C_n`` and ``C_t``.

@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cloth_envs.physics.laws.air import OWN
 from cloth_envs.physics.laws.drives import handle_starts, hermite
 from cloth_envs.physics.laws.step import foresight, kicks
 from cloth_envs.scene import Collider, Scene
@@ -14,30 +15,31 @@ from surrogates.cell.sheet import TINY, Force, SheetCell, cut, place
 
 
 def air_forces(scene: Scene, x: Tensor, v: Tensor, wind: Tensor, pressure: Tensor) -> Tensor:
-    """The scene's air, moved by ``wind`` ``(B, 3)``, and ``pressure`` ``(B,)`` on the four facets of every cell [N].
-
-    See ``laws.air.air_forces``; facets of both diagonals count half.
-    """
+    """The scene's air, moved by ``wind`` ``(B, 3)``, and ``pressure`` ``(B,)`` on cells [N]: see ``laws.air``."""
     air = scene.air
     places = (0, 0), (0, 1), (1, 1), (1, 0)  # upper left, upper right, lower right, lower left
-    corners, speeds = ([cut(a, at, scene.grid.cells) for at in places] for a in (x, v))
+    corners = [cut(x, at, scene.grid.cells) for at in places]
+    area = torch.linalg.cross(corners[2] - corners[0], corners[1] - corners[3], dim=1) / 2
+    force = rate = mean = torch.zeros_like(area)
+    speeds = [cut(v, at, scene.grid.cells) for at in places]
+    if air is not None:
+        size = (_dot(area, area) + TINY).sqrt()
+        n = area / size
+        mean = (speeds[0] + speeds[1] + speeds[2] + speeds[3]) / 4
+        relative = mean - wind[:, :, None, None]
+        across = _dot(n, relative)
+        slide = relative - across * n
+        speed = (_dot(slide, slide) + TINY).sqrt()
+        rate = air.density / 8 * size * (air.normal * across.abs() + air.lift * speed)
+        force = -rate * across * n - air.density / 8 * size * air.tangential * speed * slide
     total = torch.zeros_like(x)
-    for one, two, three in ((0, 3, 2), (0, 2, 1), (0, 3, 1), (3, 2, 1)):
-        normal = torch.linalg.cross(corners[two] - corners[one], corners[three] - corners[one], dim=1)
-        force = torch.zeros_like(normal)
-        if scene.pressure:
-            force = force + pressure[:, None, None, None] * normal / 2
-        if air is not None:
-            twice_area = (_dot(normal, normal) + TINY).sqrt()
-            n = normal / twice_area
-            relative = (speeds[one] + speeds[two] + speeds[three]) / 3 - wind[:, :, None, None]
-            across = _dot(n, relative)
-            slide = relative - across * n
-            speed = (_dot(slide, slide) + TINY).sqrt()
-            stress = (air.normal * across.abs() + air.lift * speed) * across * n + air.tangential * speed * slide
-            force = force - air.density / 4 * twice_area * stress
-        for corner in (one, two, three):
-            total = total + place(force / 6, places[corner], scene.grid.shape)
+    for k, at in enumerate(places):
+        share = force - OWN * rate * (speeds[k] - mean)
+        if scene.pressure:  # a third of half of each triangle but the one without this corner
+            before, after = corners[k - 1], corners[(k + 1) % 4]
+            missing = torch.linalg.cross(before - after, corners[k - 2] - after, dim=1) / 2
+            share = share + pressure[:, None, None, None] * (2 * area - missing) / 6
+        total = total + place(share, at, scene.grid.shape)
     return total
 
 

@@ -92,7 +92,7 @@ class AdmmSolver(Solver):
 
     - The spring's ``z = (k L y^ + w^2 y) / (k + w^2)`` with ``w^2 = 0.2 k``. The start is ``z = D x_t``, ``u = 0``,
       and for x the prediction ``x~``. A dashpot ``c`` adds ``c (|d| - |d_t|)^2 / (2 h)``; bending lies in the matrix.
-    - The air's force on a facet is weakened to what it can do in a step, ``1 / (1 + a |u| h)``.
+    - The air's force on a cell is weakened to what it can do in a step, ``1 / (1 + a |u| h)``.
     - Bodies act by forces with Coulomb friction, detected again in each iteration; a last projection takes
       every vertex out of them.
 
