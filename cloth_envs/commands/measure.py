@@ -150,6 +150,7 @@ def compare(
     *,
     seed: int = 0,
     material: Any = None,
+    self_contact: bool | None = None,
     resolution: tuple[int, int],
     repeats: int = REPEATS,
 ) -> Comparison:
@@ -165,8 +166,8 @@ def compare(
     last = frames - horizons[-1]
     starts = sorted({round(last * i / STARTS) for i in range(1, STARTS + 1)}) if last else [0]
     truth_entry = Entry("reference", resolution, TRUTHS["g1"])
-    worlds = [entry.world(scene, material) for entry in entries]
-    world = truth_entry.world(scene, material)
+    worlds = [entry.world(scene, material, self_contact) for entry in entries]
+    world = truth_entry.world(scene, material, self_contact)
     world.reset({0: np_random(seed)[0]})
     truth = Truth(world, [world.state.positions[0].copy()], {0: world.get_state()})
     for done, failure in run(world, actions):
