@@ -238,7 +238,7 @@ def test_bad_actions_and_positions_leave_the_state_alone() -> None:
         env.step(np.zeros(3, np.float32))
     with pytest.raises(ValueError, match="shape"):
         env.set_positions(np.zeros((3, 2, 2)))
-    with pytest.raises(ValueError, match="another scene, preset or resolution"):
+    with pytest.raises(ValueError, match="another scene, preset, resolution or self_contact"):
         make("Flag", resolution=(9, 9)).unwrapped.set_state(before)
     assert all(np.array_equal(before[name], value) for name, value in env.get_state().items())
 

@@ -73,6 +73,8 @@ def kernel_sheet(scene: Scene) -> kernels.Sheet:
         frame_dt=scene.frame_dt,
         gravity=scene.gravity,
         thickness=scene.thickness if scene.particles is None else 0.0,
+        self_thickness=scene.layer,
+        self_friction=scene.self_contact.friction if scene.self_contact else 0.0,
         air=air is not None,
         pressure=scene.pressure,
         air_normal=air.density * air.normal if air else 0.0,
@@ -183,6 +185,7 @@ class Solver(ABC):
     """
 
     yields: ClassVar[bool] = False  # to compression, as ``Material.yields`` says
+    self_contact: ClassVar[bool] = False  # whether it models ``Scene.self_contact``
 
     def __init__(self, scene: Scene, *, num_envs: int = 1, threads: int = 1, dtype: str = "float32") -> None:
         self.scene, self.num_envs = scene, whole_number("num_envs", num_envs)

@@ -106,7 +106,9 @@ class TorchNet(ParticleSolver):
 
 
 class TorchSheet(CellSheet):
-    """``CellSheet`` in torch: on GPUs, and with forces plugged in."""
+    """``CellSheet`` in torch: on GPUs, and with forces plugged in; without self-contact."""
+
+    self_contact = False
 
     def __init__(
         self,

@@ -34,7 +34,7 @@ class ExplicitSolver(Solver):
             would need more than 20,000 substeps, or more than ``substeps``; a cloth burst by more than 100 Pa.
     """
 
-    yields = True
+    yields, self_contact = True, True
 
     def __init__(
         self,

@@ -22,6 +22,7 @@ LENGTHS = (25, 50, 100, 150, 250)  # frames; the longest is ten times the longes
 BALL_END, BALL_WAY = 0.3, 0.6  # m: where a shot ball stops (y), and least way of its front before it is half through
 BALL_SPEED, BALL_RADIUS = 4.0, 0.2  # m/s, m: of the axis that does not vary it
 FREE_SPEED = 1.0  # m/s, root mean square of what a free cloth starts with
+FOLDED = ("Curtain", "Flag", "Hanging", "BallDrop")  # scenes with self-contact
 POLICIES = ("zero", "smooth", "bang-bang", "random", "alternating")
 
 
@@ -204,6 +205,10 @@ AXES: dict[str, Axis] = {
     "random": Axis(
         "random actions at every frame [frames]", (10, 25, 50, 100, 150),
         lambda base, level: episode(base, round(level), "random"), label="{:g}".format, cut=True, usual=tuple(SCENES),
+    ),
+    "folds": Axis(
+        "folds in each other, bang-bang actions [frames]", LENGTHS,
+        lambda base, level: episode(base, round(level), "bang-bang"), FOLDED, "{:g}".format, cut=True,
     ),
     "wind": Axis("wind speed", (0, 1 / 2, 1, 3 / 2, 2, 3), _changed(_wind), ("Flag",)),
     "direction": Axis("wind turned [degrees]", (0, 45, 90, 135, 180), _changed(_turned), ("Flag",), "{:g}".format),

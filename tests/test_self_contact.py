@@ -1,0 +1,92 @@
+"""``self_contact``: which scenes list it, who models it, and where it is saved."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import cloth_envs
+from cloth_envs.physics import solver
+from cloth_envs.recording import RecordRollout, Rollout
+from cloth_envs.recording.spec import spec_texts
+from cloth_envs.registry import PRESETS
+from cloth_envs.scene import SelfContact
+from cloth_envs.world import World
+from surrogates.miniature.coarse import CoarsePhysics
+
+LISTED = {"Curtain", "Flag", "Hanging", "BallDrop"}
+SMALL = (9, 9)
+
+
+@pytest.mark.parametrize("name", cloth_envs.SCENES)
+def test_what_scenes_and_presets_list(name: str) -> None:
+    scene = World(name).scene
+    assert scene.self_contact == (SelfContact() if name in LISTED else None)
+    modelled, missing = scene.describe().split("not modelled:")
+    millimetres = {"Hanging": "3.9", "BallDrop": "3.9"}.get(name, "4")
+    words = f"self-contact, layers {millimetres} mm apart, friction 0.3"
+    assert (words in modelled, "self-contact" in missing) == ((True, False) if name in LISTED else (False, True))
+    for preset in (preset for preset, scenes in PRESETS.items() if name in scenes):
+        assert World(name, preset=preset).scene.self_contact is None
+
+
+def test_the_distance_of_layers_is_what_kernels_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, fine = (World("Hanging", resolution=shape).scene for shape in ((33, 33), (65, 129)))
+    without = World("Hanging", self_contact=False).scene
+    assert (scene.layer, fine.layer, without.layer) == (0.004, 1 / 128 / 4, 0)
+    monkeypatch.setattr(solver.kernels, "Sheet", lambda **given: (given["self_thickness"], given["self_friction"]))
+    assert solver.kernel_sheet(fine) == (fine.layer, 0.3)
+    assert solver.kernel_sheet(without) == (0, 0)
+
+
+def test_the_argument() -> None:
+    for make in (gym.make, gym.make_vec):
+        env = make("MiniCloth-Flag-v0", resolution=SMALL, self_contact=False)
+        assert env.unwrapped.scene.self_contact is None
+        env.close()
+    assert World("Pressure", resolution=SMALL, self_contact=np.True_).scene.self_contact == SelfContact()
+    assert World("Flag", preset="lee2019", backend_kwargs={"solver": "explicit"}, self_contact=True).scene.self_contact
+    for wrong in (0, "yes", {"thickness": 0.01}):
+        with pytest.raises(ValueError, match="self_contact must be True or False"):
+            World("Flag", self_contact=wrong)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match=r"unknown keyword 'self_contac'.*'self_contact'"):
+        gym.make("MiniCloth-Flag-v0", self_contac=False)
+    with pytest.raises(ValueError, match=r"net of particles.*leave self_contact or preset out"):
+        World("Hanging", preset="zhao2024", self_contact=True)
+
+
+@pytest.mark.parametrize("chosen", sorted({*solver.SOLVERS} - {"explicit"}))
+def test_solvers_without_it_say_so(chosen: str) -> None:
+    for options in ({"solver": chosen}, {"solver": chosen, "factor": 2}):
+        physics = {"backend": "miniature" if "factor" in options else "reference", "backend_kwargs": options}
+        world = World("Hanging", resolution=SMALL, **physics)
+        assert world.scene.self_contact is None
+        assert "self-contact" in world.scene.describe().split("not modelled:")[1]
+        with pytest.raises(ValueError, match=r"self_contact=True: .* use solver='explicit'"):
+            World("Hanging", resolution=SMALL, self_contact=True, **physics)
+
+
+def test_miniatures_have_it_in_the_coarse_cloth() -> None:
+    world = World("Hanging", backend="miniature")
+    assert world.scene.self_contact == world.backend.coarse.scene.self_contact == SelfContact()  # type: ignore[attr-defined]
+    assert world.backend.coarse.scene.layer == 0.004  # type: ignore[attr-defined]
+    assert CoarsePhysics(world.scene, layer=0.006).scene.layer == 0.006
+    off = World("Hanging", backend="miniature", self_contact=False)
+    assert off.backend.coarse.scene.self_contact is None  # type: ignore[attr-defined]
+
+
+def test_states_say_which_they_are_of(tmp_path) -> None:
+    worlds = {on: World("Flag", resolution=SMALL, self_contact=on) for on in (None, False)}
+    for world in worlds.values():
+        world.reset({0: np.random.default_rng(0)})
+    with pytest.raises(ValueError, match=r"self_contact \{'thickness': 0\.004, 'friction': 0\.3\} instead of None"):
+        worlds[False].set_state(worlds[None].get_state())
+    other = World("Flag", resolution=SMALL, backend_kwargs={"solver": "implicit"})
+    other.set_state(worlds[None].get_state())  # another physics goes on from the same cloth
+    for on in (True, False):
+        path = str(tmp_path / f"{on}.h5")
+        with RecordRollout(gym.make("MiniCloth-Flag-v0", resolution=SMALL, self_contact=on), path) as env:
+            assert f'"self_contact": {str(on).lower()}' in spec_texts(env.env)["env_spec"]
+            env.reset(seed=0)
+            env.step(env.action_space.sample())
+        with Rollout.open(path) as record:
+            assert record.scene.self_contact == (SelfContact() if on else None)
