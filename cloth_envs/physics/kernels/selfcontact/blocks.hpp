@@ -17,7 +17,6 @@ constexpr double kFlat = 0.35;  // least part of the rest area that cells of fla
 constexpr double kSmall = 0.3;  // of the rest area, of cells whose normals tell little
 constexpr double kLevel = 0.2;  // least cosine between neighbours' normals where cells up to kApart apart do not meet
 constexpr int kApart = 2;
-constexpr double kTaken = 0.7;  // of their room, from which blocks are searched anew
 
 template <class T>
 inline T lesser(T a, T b) {
@@ -261,6 +260,7 @@ void blocks(Sweep<T>& s, T near, T room, T most) {
   const std::size_t stride = s.group.size() / kBox;
   const int next = kSide + (s.periodic ? kSide - 1 : 0);
   const T reach = near + most;
+  s.most = most;
   thread_local std::vector<char> some_fresh;
   some_fresh.assign(s.groups, 0);
   for (int b = 0; b < s.blocks; ++b) some_fresh[b / kCells] |= s.fresh[b];
@@ -292,7 +292,7 @@ void blocks(Sweep<T>& s, T near, T room, T most) {
 }
 
 template <class T>
-T stray(Sweep<T>& s, T room, T most, T* far) {
+T stray(Sweep<T>& s, T room, T* far) {
   const std::size_t n = s.blocks;
   alignas(64) T now[kWide];
   T mean[3] = {0, 0, 0};
@@ -326,7 +326,7 @@ T stray(Sweep<T>& s, T room, T most, T* far) {
     T square = 0;
     for (int k = 0; k < 3; ++k) square += (shift[k * n + b] - mean[k] / count) * (shift[k * n + b] - mean[k] / count);
     own[b] = std::sqrt(square) + shift[3 * n + b];
-    mark(own[b], most / 2, b, b);
+    mark(own[b], s.most / 2, b, b);
   }
   for (const BlockPair<T>& p : s.pairs) {
     if (!p.live) continue;

@@ -3,8 +3,6 @@
 #pragma once
 #include <cstring>
 
-#include <time.h>
-extern double dbg_t[8];
 #include "blocks.hpp"
 #include "distance.hpp"
 
@@ -176,72 +174,67 @@ inline V<T> gap(const Pairs<T>& p, int half) {
   return above > below ? above : below;
 }
 
+// Two parts: the vector between their nearest points now; and, times its length, how far apart they lie along it at the
+// end. As points go straight, they are never nearer than the lesser of both.
 template <class T>
-void parts(const Sweep<T>& s, const Looking<T>& vertices, const Looking<T>& edges, T room,
-           std::uint8_t (*wait)[kParts + 2]) {
+struct Apart {
+  V3<T> now;
+  V<T> end;
+};
+template <class T>
+inline Apart<T> vertex_and_triangle(const Pairs<T>& p, int k) {
+  const int half = k / 2, b = k % 2 ? 3 : 2, c = k % 2 ? 1 : 3;
+  const V3<T>&v = p.now[half][0], (&t)[4] = p.now[1 - half], (&u)[4] = p.then[1 - half];
+  const V3<T> d = apart(of_triangle<T>(v, t[0], t[b], t[c]), v, t[0], t[b], t[c]);
+  const V<T> e = dot(d, u[0]), f = dot(d, u[b]), g = dot(d, u[c]), ef = e > f ? e : f;
+  return {d, dot(d, p.then[half][0]) - (ef > g ? ef : g)};
+}
+template <class T>
+inline Apart<T> two_edges(const Pairs<T>& p, int k) {
+  const int b = k / 3 + 1, c = k % 3 + 1;
+  const V3<T>(&t)[4] = p.now[0], (&u)[4] = p.now[1], (&t1)[4] = p.then[0], (&u1)[4] = p.then[1];
+  const V3<T> d = apart(of_edges<T>(t[0], t[b], u[0], u[c]), t[0], t[b], u[0], u[c]);
+  const V<T> e = dot(d, t1[0]), f = dot(d, t1[b]), g = dot(d, u1[0]), h = dot(d, u1[c]);
+  return {d, (e < f ? e : f) - (g > h ? g : h)};
+}
+
+template <class T>
+void parts(const Sweep<T>& s, const Looking<T>& how, T room, std::uint8_t (*wait)[kParts + 1]) {
   constexpr int n = kLanes<T>;
-  const T time = s.end - s.time;
-  thread_local std::vector<int> all, with_vertices, with_edges;
   const int count = int(s.cells.size());
+  const T time = s.end - s.time;
+  const V<T> limit = V<T>{} + (how.reach + room), one = V<T>{} + T(1), most = V<T>{} + T(kMostSteps);
+  thread_local std::vector<int> all, near;
   while (int(all.size()) < count) all.push_back(int(all.size()));
-  with_vertices.clear(), with_edges.clear();
-  if (count) std::memset(wait, 0, sizeof(*wait) * count);
+  near.clear();
+  std::fill_n(wait[0], count * (kParts + 1), std::uint8_t(0));
   Pairs<T> p;
-  auto now=[]{timespec t; clock_gettime(CLOCK_THREAD_CPUTIME_ID,&t); return t.tv_sec+1e-9*t.tv_nsec;}; double t0=now();
   for (int first = 0; first < count; first += n) {
     get_pairs(s, all.data() + first, count - first, p);
-    const V<T> a = gap(p, 0), b = gap(p, 1), apart = a > b ? a : b;
-    const unsigned near = less<T>(apart, V<T>{} + (vertices.reach + room));
-    const unsigned nearer = less<T>(apart, V<T>{} + (edges.reach + room));
-    for (int l = 0; l < n && first + l < count; ++l) {
-      if (near >> l & 1) with_vertices.push_back(first + l);
-      if (nearer >> l & 1) with_edges.push_back(first + l);
-    }
+    const V<T> a = gap(p, 0), b = gap(p, 1);
+    for (unsigned found = less<T>(a > b ? a : b, limit); found; found &= found - 1)
+      if (first + __builtin_ctz(found) < count) near.push_back(first + __builtin_ctz(found));
   }
-  double t1=now(); dbg_t[0]=std::min(dbg_t[0],t1-t0); dbg_t[4]=with_vertices.size(); dbg_t[5]=with_edges.size();
-  const V<T> one = V<T>{} + T(1), most = V<T>{} + T(kMostSteps);
-  // Parts k to k + many of the pairs in `list`. What of(i) says about the i-th: its Nearest, and its four points now and
-  // later. Along the line between the nearest points now, the gap is never less than the lesser of now and later.
-  const auto tests = [&](const std::vector<int>& list, const Looking<T>& how, int k, int many, const auto& of) {
-    const V<T> limit = V<T>{} + (how.reach + room), steps_in_time = V<T>{} + time / how.h;
-    for (int first = 0; first < int(list.size()); first += n) {
-      const int left = int(list.size()) - first;
-      get_pairs(s, list.data() + first, left, p);
-      for (int i = 0; i < many; ++i) {
-        const auto [d, later] = of(i);
-        const V<T> d2 = dot(d, d) + tiny<T>, inverse = rsqrt(d2), now = d2 * inverse, then = inverse * later;
-        unsigned found = less<T>(now < then ? now : then, limit);
-        if (left < n) found &= (1u << left) - 1;
-        if (!found) continue;
-        const V<T> closing = now > then ? now - then : V<T>{};
-        const V<T> w = (now - how.danger) * steps_in_time * reciprocal(closing + how.haste * time);
-        const V<T> steps = w < one ? one : (w > most ? most : w);
-        for (; found; found &= found - 1) {
-          const int l = __builtin_ctz(found);
-          std::uint8_t* const to = wait[list[first + l]];
-          to[k + i] = std::uint8_t(steps[l]), to[kParts + (k > 0)] = 1;
-        }
+  for (int first = 0; first < int(near.size()); first += n) {
+    const int left = int(near.size()) - first;
+    get_pairs(s, near.data() + first, left, p);
+    const auto note = [&](const Apart<T>& d, int k) __attribute__((always_inline)) {
+      const V<T> d2 = dot(d.now, d.now) + tiny<T>, inverse = rsqrt(d2), far = d2 * inverse, end = inverse * d.end;
+      unsigned found = less<T>(far < end ? far : end, limit);
+      if (left < n) found &= (1u << left) - 1;
+      if (!found) return;
+      const V<T> closes = far > end ? far - end : V<T>{};
+      const V<T> w = (time / how.h) * ((far - how.danger) * reciprocal(closes + how.haste * time));
+      const V<T> steps = w < one ? one : (w > most ? most : w);
+      for (; found; found &= found - 1) {
+        const int l = __builtin_ctz(found);
+        std::uint8_t* const to = wait[near[first + l]];
+        to[k] = std::uint8_t(steps[l]), to[kParts] = 1;
       }
-    }
-  };
-  struct Apart {
-    V3<T> now;
-    V<T> later;  // times the distance now
-  };
-  tests(with_vertices, vertices, 0, kVertexParts, [&](int i) __attribute__((always_inline)) {
-    const int half = i / 2, b = i % 2 ? 3 : 2, c = i % 2 ? 1 : 3;
-    const V3<T>&v = p.now[half][0], (&t)[4] = p.now[1 - half], (&u)[4] = p.then[1 - half];
-    const V3<T> d = apart(of_triangle<T>(v, t[0], t[b], t[c]), v, t[0], t[b], t[c]);
-    const V<T> e = dot(d, u[0]), f = dot(d, u[b]), g = dot(d, u[c]), ef = e > f ? e : f;
-    return Apart{d, dot(d, p.then[half][0]) - (ef > g ? ef : g)};
-  });
-  tests(with_edges, edges, kVertexParts, kParts - kVertexParts, [&](int i) __attribute__((always_inline)) {
-    const int b = i / 3 + 1, c = i % 3 + 1;
-    const V3<T>(&t)[4] = p.now[0], (&u)[4] = p.now[1], (&t1)[4] = p.then[0], (&u1)[4] = p.then[1];
-    const V3<T> d = apart(of_edges<T>(t[0], t[b], u[0], u[c]), t[0], t[b], u[0], u[c]);
-    const V<T> e = dot(d, t1[0]), f = dot(d, t1[b]), g = dot(d, u1[0]), h = dot(d, u1[c]);
-    return Apart{d, (e < f ? e : f) - (g > h ? g : h)};
-  });
+    };
+    for (int k = 0; k < kVertexParts; ++k) note(vertex_and_triangle(p, k), k);
+    for (int k = kVertexParts; k < kParts; ++k) note(two_edges(p, k - kVertexParts), k);
+  }
 }
 
 }  // namespace

@@ -44,6 +44,7 @@ struct Sweep {
   std::vector<int> corner[4];          // vertices of every cell: upper left, upper right, lower left, lower right
   std::vector<std::int16_t> row, col;  // of every cell
 
+  T most;                     // m, see NearLanes::blocks
   T time, before, end;        // s: now, when boxes were last brought up to date, and until when ways are followed
   Plane<T> x, v;              // of vertices now, 3 planes each
   Plane<T> start, way;        // 3 rows of kWide of every block: where its points were at time 0, or would have been, m/s
@@ -65,6 +66,7 @@ struct Sweep {
 // How often close parts are looked at: one that lies `far` apart and closes at a speed u, in
 // (far - danger) / ((u + haste) h) steps, from 1 to kMostSteps. kAct says that it has to be kept apart before.
 constexpr int kMostSteps = 16, kAct = 128;
+constexpr double kTaken = 0.7;  // of their room, from which blocks are searched anew
 template <class T>
 struct Looking {
   T reach, danger, haste, h;  // m, m, m/s, s
@@ -74,17 +76,17 @@ template <class T>
 struct NearLanes {
   // Of fresh blocks, from x and v: their ways from now on, boxes and normals.
   void (*boxes)(Sweep<T>&, T cell_area, bool all);
-  // Pairs of blocks that have a fresh one: those nearer than near + room are close, up to near + most they are watched.
+  // Pairs of blocks that have a fresh one: those nearer than near + room are close, up to near + most they are watched;
+  // what is further apart may stray by half of `most` from the middle of all.
   void (*blocks)(Sweep<T>&, T near, T room, T most);
   void (*cells)(Sweep<T>&, T reach);
   // Of all cells found: wait[i][k], in how many steps to look first at their parts k, 0 where these stay apart by reach
   // and room until the end. Parts 0, 1: vertex of the first, lower and upper triangle of the second; 2, 3: the other
-  // way round; 4 + 3 a + b: edges a and b. The last two numbers: any of vertices, of edges.
-  void (*parts)(const Sweep<T>&, const Looking<T>& vertices, const Looking<T>& edges, T room,
-                std::uint8_t (*wait)[kParts + 2]);
-  // Of blocks that strayed too far from each other by x: marks them as fresh. The largest part of their room that
-  // any took; `far`, the most that close ones strayed [m].
-  T (*stray)(Sweep<T>&, T room, T most, T* far);
+  // way round; 4 + 3 a + b: edges a and b. The last number: any.
+  void (*parts)(const Sweep<T>&, const Looking<T>&, T room, std::uint8_t (*wait)[kParts + 1]);
+  // Marks blocks as fresh that strayed from each other by kTaken of their room. The largest part of its room that any
+  // took; `far`, the most that blocks strayed which have `room` [m].
+  T (*stray)(Sweep<T>&, T room, T* far);
   // Of `count` pairs of parts, numbers in `parts`, which are elements of a field: when to look at each again. `side` has
   // of every pair the unit vector from its second to its first part when these were last looked at, 0 before; a pair
   // whose vector turned round since went through each other, and its vector is the old way round.
