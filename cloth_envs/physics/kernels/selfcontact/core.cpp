@@ -8,9 +8,14 @@ namespace {
 
 constexpr double kWindow = 0.012;       // s, for how long ways are followed
 constexpr double kWatch = 0.8;          // cells, up to which distance blocks are watched that are not close
-constexpr int kSoon = 4, kLate = 16;    // steps from a search to a check, between two checks at most
-constexpr double kCalm = 1, kWild = 5;  // m/s, what speeds may change by until parts are looked at again
+constexpr int kSoon = 8, kLate = 16;    // steps from a search to a check, between two checks at most
+constexpr double kCalm = 0.5, kWild = 5;  // m/s, what speeds may change by until parts are looked at again
 constexpr int kEnd[3] = {1, 2, 3};      // corners where edges of a cell end: right, below, diagonal
+
+template <class T>
+bool sooner(const Close<T>& a, const Close<T>& b) {
+  return a.at < b.at;
+}
 
 }  // namespace
 
@@ -33,7 +38,7 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
     corner_[q].resize(s.places.size());
     for (std::size_t i = 0; i < s.places.size(); ++i) corner_[q][i] = s.places[sweep_.corner[q][i]] + member;
   }
-  known_.assign(s.field, 0), sides_.clear(), touched_.clear();
+  known_.assign(s.field, 0), before_.clear(), touched_.clear(), parts_.clear(), sweep_.pairs.clear();
   search();
 }
 
@@ -53,8 +58,9 @@ void SelfContact<T>::search() {
   get(f_.x, sweep_.x), get(f_.v, sweep_.v);
   sweep_.time = sweep_.before = 0, sweep_.end = h_ * T(window_ + 1);
   std::fill(sweep_.fresh.begin(), sweep_.fresh.end(), 1);
+  for (BlockPair<T>& pair : sweep_.pairs) pair.live = false;
   remember();
-  sweep_.pairs.clear(), parts_.clear(), side_.clear(), owner_.clear();
+  sweep_.pairs.clear(), parts_.clear();
   for (auto& kind : due_)
     for (auto& due : kind) due.clear();
   since_ = 0, check_ = kSoon;
@@ -78,8 +84,8 @@ void SelfContact<T>::check() {
   }
   check_ = since_ + kSoon;
   get(f_.v, sweep_.v);
-  remember();
   for (BlockPair<T>& pair : sweep_.pairs) pair.live &= !(sweep_.fresh[pair.a] | sweep_.fresh[pair.b]);
+  remember();
   find(false);
 }
 
@@ -105,34 +111,42 @@ void SelfContact<T>::add(const CellPair& cells, const std::uint8_t (&wait)[kPart
   };
   for (int k = 0; k < kParts; ++k) {
     if (!wait[k]) continue;
-    Part part;
+    Close<T> part = {{}, {0, 0, 0}, cells.blocks, false};
+    std::array<int, 4>& x = part.at;
     if (k < kVertexParts) {
       const int(&t)[4] = at[1 - k / 2];
-      part = {at[k / 2][0], t[0], t[k % 2 ? 3 : 2], t[k % 2 ? 1 : 3]};
-      if (missing(t, 3) || part[0] == part[1] || part[0] == part[2] || part[0] == part[3]) continue;
+      x = {at[k / 2][0], t[0], t[k % 2 ? 3 : 2], t[k % 2 ? 1 : 3]};
+      if (missing(t, 3) || x[0] == x[1] || x[0] == x[2] || x[0] == x[3]) continue;
     } else {
       const int e = kEnd[(k - kVertexParts) / 3], g = kEnd[(k - kVertexParts) % 3];
-      part = {at[0][0], at[0][e], at[1][0], at[1][g]};
+      x = {at[0][0], at[0][e], at[1][0], at[1][g]};
       if (missing(at[0], e) || missing(at[1], g)) continue;
-      if (part[0] == part[2] || part[0] == part[3] || part[1] == part[2] || part[1] == part[3]) continue;
+      if (x[0] == x[2] || x[0] == x[3] || x[1] == x[2] || x[1] == x[3]) continue;
+    }
+    if (known_[x[0]]) {
+      const auto found = std::lower_bound(before_.begin(), before_.end(), part, sooner<T>);
+      if (found != before_.end() && found->at == x) {
+        std::copy_n(found->side, 3, part.side), part.touched = true;
+        touched_.push_back(int(parts_.size()));
+      }
     }
     due_[k >= kVertexParts][(now_ + wait[k] - 1) % (kMostSteps + 1)].push_back(int(parts_.size()));
-    parts_.push_back(part), side_.push_back({}), owner_.push_back(cells.blocks);
-    if (!known_[part[0]]) continue;
-    const auto before = [](const std::pair<Part, Side>& one, const Part& other) { return one.first < other; };
-    const auto found = std::lower_bound(sides_.begin(), sides_.end(), part, before);
-    if (found != sides_.end() && found->first == part) side_.back() = found->second;
+    parts_.push_back(part);
   }
 }
 
 // On which sides what touched is, before it is found again.
 template <class T>
 void SelfContact<T>::remember() {
-  for (const auto& side : sides_) known_[side.first[0]] = 0;
-  sides_.clear();
-  for (const int part : touched_) sides_.push_back({parts_[part], side_[part]}), known_[parts_[part][0]] = 1;
-  std::sort(sides_.begin(), sides_.end());
-  touched_.clear();
+  for (const Close<T>& part : before_) known_[part.at[0]] = 0;
+  before_.clear();
+  const auto gone = [&](int part) {
+    if (sweep_.pairs[parts_[part].owner].live) return false;
+    before_.push_back(parts_[part]), known_[parts_[part].at[0]] = 1;
+    return true;
+  };
+  touched_.erase(std::remove_if(touched_.begin(), touched_.end(), gone), touched_.end());
+  std::sort(before_.begin(), before_.end(), sooner<T>);
 }
 
 template <class T>

@@ -22,10 +22,6 @@ class SelfContact {
   void step();
 
  private:
-  // A vertex and a triangle, or two edges: elements of a field.
-  using Part = std::array<int, 4>;
-  using Side = std::array<T, 3>;
-
   void get(const T* field, Plane<T>& to) const;
   void search();
   void check();
@@ -37,14 +33,12 @@ class SelfContact {
 
   Sweep<T> sweep_;
   std::vector<std::array<std::uint8_t, kParts + 1>> first_;
-  std::vector<Part> parts_;
-  std::vector<Side> side_;                   // of every one, see NearLanes::look
-  std::vector<int> owner_;                   // of every one, the pair of blocks that it was found in
+  std::vector<Close<T>> parts_;
   std::vector<int> due_[2][kMostSteps + 1];  // of both kinds, what to look at in so many steps, as a ring from now_
   std::vector<std::uint8_t> wait_;
   std::vector<std::pair<int, int>> acts_;  // what to keep apart now, and for how many steps
-  std::vector<int> touched_;               // what was kept apart since the last search
-  std::vector<std::pair<Part, Side>> sides_;  // of what was before, and by its first element whether there is any
+  std::vector<int> touched_;               // what was kept apart since it was found
+  std::vector<Close<T>> before_;            // the same of what is found anew, and whether some begin with an element
   std::vector<char> known_;
 
   const Strips<T>* strips_ = nullptr;

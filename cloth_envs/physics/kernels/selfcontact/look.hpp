@@ -28,8 +28,8 @@ inline V<float> gather(const float* base, const int* at) {
 #endif
 
 template <class T>
-void look(const T* x, const T* v, int width, const int (*parts)[4], const int* which, int count, bool edges,
-          const Looking<T>& how, T (*side)[3], std::uint8_t* wait) {
+void look(const T* x, const T* v, int width, Close<T>* parts, const int* which, int count, bool edges,
+          const Looking<T>& how, std::uint8_t* wait) {
   constexpr int n = kLanes<T>;
   const V<T> none = {}, one = none + T(1), most = none + T(kMostSteps);
   const T rate = 1 / how.h;
@@ -37,10 +37,9 @@ void look(const T* x, const T* v, int width, const int (*parts)[4], const int* w
     alignas(64) int at[4][n];
     alignas(64) T old[3][n];
     for (int l = 0; l < n; ++l) {
-      const int number = which[std::min(first + l, count - 1)];
-      const int(&part)[4] = parts[number];
-      for (int k = 0; k < 3; ++k) old[k][l] = side[number][k];
-      for (int q = 0; q < 4; ++q) at[q][l] = part[q];
+      const Close<T>& part = parts[which[std::min(first + l, count - 1)]];
+      for (int k = 0; k < 3; ++k) old[k][l] = part.side[k];
+      for (int q = 0; q < 4; ++q) at[q][l] = part.at[q];
     }
     V3<T> p[4], w[4];
     for (int q = 0; q < 4; ++q) {
@@ -62,7 +61,7 @@ void look(const T* x, const T* v, int width, const int (*parts)[4], const int* w
     store<T>(old[0], up.x), store<T>(old[1], up.y), store<T>(old[2], up.z);
     for (int l = 0; l < n && first + l < count; ++l) {
       wait[first + l] = std::uint8_t(int(steps[l]) | (act[l] ? kAct : 0));
-      for (int k = 0; k < 3; ++k) side[which[first + l]][k] = old[k][l];
+      for (int k = 0; k < 3; ++k) parts[which[first + l]].side[k] = old[k][l];
     }
   }
 }

@@ -65,11 +65,21 @@ struct Sweep {
 
 // How often close parts are looked at: one that lies `far` apart and closes at a speed u, in
 // (far - danger) / ((u + haste) h) steps, from 1 to kMostSteps. kAct says that it has to be kept apart before.
-constexpr int kMostSteps = 16, kAct = 128;
+constexpr int kMostSteps = 32, kAct = 128;
 constexpr double kTaken = 0.7;  // of their room, from which blocks are searched anew
 template <class T>
 struct Looking {
   T reach, danger, haste, h;  // m, m, m/s, s
+};
+
+// A vertex and a triangle, or two edges: elements of a field; the unit vector from the second to the first when they were
+// last looked at, 0 before; the pair of blocks that they were found in.
+template <class T>
+struct Close {
+  std::array<int, 4> at;
+  T side[3];
+  int owner;
+  bool touched;  // kept apart before
 };
 
 template <class T>
@@ -87,11 +97,10 @@ struct NearLanes {
   // Marks blocks as fresh that strayed from each other by kTaken of their room. The largest part of its room that any
   // took; `far`, the most that blocks strayed which have `room` [m].
   T (*stray)(Sweep<T>&, T room, T* far);
-  // Of `count` pairs of parts, numbers in `parts`, which are elements of a field: when to look at each again. `side` has
-  // of every pair the unit vector from its second to its first part when these were last looked at, 0 before; a pair
-  // whose vector turned round since went through each other, and its vector is the old way round.
-  void (*look)(const T* x, const T* v, int width, const int (*parts)[4], const int* which, int count, bool edges,
-               const Looking<T>&, T (*side)[3], std::uint8_t* wait);
+  // Of `count` pairs of parts, numbers in `parts`: when to look at each again. A pair whose vector turned round since
+  // it was last looked at went through each other; its vector is the old way round.
+  void (*look)(const T* x, const T* v, int width, Close<T>* parts, const int* which, int count, bool edges,
+               const Looking<T>&, std::uint8_t* wait);
 };
 DECLARE_LANES(NearLanes<float>)
 DECLARE_LANES(NearLanes<double>)

@@ -1,6 +1,7 @@
 // How a vertex and a triangle, or two edges, are kept apart.
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "../base/vec.hpp"
 #include "core.hpp"
@@ -49,17 +50,19 @@ void nearest_on_edges(const Vec<T> (&x)[4], T (&share)[4]) {
 // Looks at what is due now, keeps apart what has to be, and says when to look again.
 template <class T>
 void SelfContact<T>::look(bool edges, std::vector<int>& which) {
-  const auto gone = [&](int part) { return !sweep_.pairs[owner_[part]].live; };
+  const auto gone = [&](int part) { return !sweep_.pairs[parts_[part].owner].live; };
   which.erase(std::remove_if(which.begin(), which.end(), gone), which.end());
   const int count = int(which.size());
   if (!count) return;
   wait_.resize(count), acts_.clear();
-  lanes<NearLanes<T>>().look(f_.x, f_.v, strips_->width, reinterpret_cast<const int(*)[4]>(parts_.data()), which.data(),
-                             count, edges, {layer_, layer_ / 2, haste_, h_}, reinterpret_cast<T(*)[3]>(side_.data()),
-                             wait_.data());
+  lanes<NearLanes<T>>().look(f_.x, f_.v, strips_->width, parts_.data(), which.data(), count, edges,
+                             {layer_, layer_ / 2, haste_, h_}, wait_.data());
   for (int i = 0; i < count; ++i) {
     const int steps = wait_[i] & (kAct - 1);
-    if (wait_[i] & kAct) acts_.push_back({which[i], steps}), touched_.push_back(which[i]);
+    if (wait_[i] & kAct) {
+      acts_.push_back({which[i], steps});
+      if (!std::exchange(parts_[which[i]].touched, true)) touched_.push_back(which[i]);
+    }
     due_[edges][(now_ + steps) % (kMostSteps + 1)].push_back(which[i]);
   }
   which.clear();
@@ -77,7 +80,7 @@ void SelfContact<T>::look(bool edges, std::vector<int>& which) {
 template <class T>
 bool SelfContact<T>::resolve(int part, bool edges, int steps) {
   const int width = strips_->width;
-  const Part& place = parts_[part];
+  const std::array<int, 4>& place = parts_[part].at;
   Vec<T> x[4], v[4], d = {0, 0, 0}, u = {0, 0, 0};
   T share[4], give = 0;
   for (int q = 0; q < 4; ++q) {
@@ -87,7 +90,7 @@ bool SelfContact<T>::resolve(int part, bool edges, int steps) {
   edges ? nearest_on_edges(x, share) : nearest_in_triangle(x, share);
   for (int q = 0; q < 4; ++q)
     d = d + share[q] * x[q], u = u + share[q] * v[q], give += share[q] * share[q] * mobility_[place[q]];
-  const Vec<T> side = vec(side_[part].data());
+  const Vec<T> side = vec(parts_[part].side);
   const T far = std::sqrt(dot(d, d)), apart = dot(d, side) < 0 ? -far : far, gap = apart - layer_;
   const Vec<T> n = far > T(1e-6) ? d / apart : side;
   const T un = dot(u, n), least = gap > 0 ? -gap / (h_ * T(steps)) : T(0), stop = std::max(least - un, T(0));
