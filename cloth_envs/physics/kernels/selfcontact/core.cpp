@@ -9,7 +9,7 @@ namespace {
 constexpr double kWindow = 0.012;       // s, for how long ways are followed
 constexpr double kWatch = 0.8;          // cells, up to which distance blocks are watched that are not close
 constexpr int kSoon = 8, kLate = 16;    // steps from a search to a check, between two checks at most
-constexpr double kCalm = 0.5, kWild = 5;  // m/s, what speeds may change by until parts are looked at again
+constexpr double kCalm = 0.5, kStart = 2, kWild = 5;  // m/s, what speeds may change by until parts are looked at again
 constexpr int kEnd[3] = {1, 2, 3};      // corners where edges of a cell end: right, below, diagonal
 
 template <class T>
@@ -24,7 +24,7 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
                            double damping) {
   layer_ = T(sheet.self_thickness), friction_ = T(sheet.self_friction), h_ = T(h), damping_ = T(damping);
   strips_ = &s, f_ = f, member_ = member, cell_area_ = sheet.row_length * sheet.col_length;
-  haste_ = T(kWild), window_ = std::max(2 * kSoon, int(kWindow / h));
+  haste_ = T(kStart), window_ = std::max(2 * kSoon, int(kWindow / h));
   sweep_.shape(sheet.rows, sheet.cols, sheet.periodic);
   mobility_.resize(s.field);
   for (int i = 0; i < int(s.places.size()); ++i) {
