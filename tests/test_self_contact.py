@@ -13,25 +13,24 @@ from cloth_envs.scene import SelfContact
 from cloth_envs.world import World
 from surrogates.miniature.coarse import CoarsePhysics
 
-LISTED = {"Curtain", "Flag", "Hanging", "BallDrop"}
 SMALL = (9, 9)
 
 
 @pytest.mark.parametrize("name", cloth_envs.SCENES)
-def test_what_scenes_and_presets_list(name: str) -> None:
-    scene = World(name).scene
-    assert scene.self_contact == (SelfContact() if name in LISTED else None)
-    modelled, missing = scene.describe().split("not modelled:")
-    millimetres = {"Hanging": "3.9", "BallDrop": "3.9"}.get(name, "4")
-    words = f"self-contact, layers {millimetres} mm apart, friction 0.3"
-    assert (words in modelled, "self-contact" in missing) == ((True, False) if name in LISTED else (False, True))
+def test_it_is_on_request_and_described(name: str) -> None:
+    for on in (None, False, True):
+        scene = World(name, self_contact=on).scene
+        assert scene.self_contact == (SelfContact() if on else None)
+        modelled, missing = scene.describe().split("not modelled:")
+        words = f"self-contact, layers {1e3 * scene.layer:.2g} mm apart, friction 0.3"
+        assert (words in modelled, "self-contact" in missing) == ((True, False) if on else (False, True))
     for preset in (preset for preset, scenes in PRESETS.items() if name in scenes):
         assert World(name, preset=preset).scene.self_contact is None
 
 
 def test_the_distance_of_layers_is_what_kernels_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, fine = (World("Hanging", resolution=shape).scene for shape in ((33, 33), (65, 129)))
-    without = World("Hanging", self_contact=False).scene
+    scene, fine = (World("Hanging", resolution=shape, self_contact=True).scene for shape in ((33, 33), (65, 129)))
+    without = World("Hanging").scene
     assert (scene.layer, fine.layer, without.layer) == (0.004, 1 / 128 / 4, 0)
     monkeypatch.setattr(solver.kernels, "Sheet", lambda **given: (given["self_thickness"], given["self_friction"]))
     assert solver.kernel_sheet(fine) == (fine.layer, 0.3)
@@ -66,22 +65,20 @@ def test_solvers_without_it_say_so(chosen: str) -> None:
 
 
 def test_miniatures_have_it_in_the_coarse_cloth() -> None:
-    world = World("Hanging", backend="miniature")
+    world = World("Hanging", backend="miniature", self_contact=True)
     assert world.scene.self_contact == world.backend.coarse.scene.self_contact == SelfContact()  # type: ignore[attr-defined]
     assert world.backend.coarse.scene.layer == 0.004  # type: ignore[attr-defined]
     assert CoarsePhysics(world.scene, layer=0.006).scene.layer == 0.006
-    off = World("Hanging", backend="miniature", self_contact=False)
+    off = World("Hanging", backend="miniature")
     assert off.backend.coarse.scene.self_contact is None  # type: ignore[attr-defined]
 
 
 def test_states_say_which_they_are_of(tmp_path) -> None:
-    worlds = {on: World("Flag", resolution=SMALL, self_contact=on) for on in (None, False)}
+    worlds = {on: World("Flag", resolution=SMALL, self_contact=on) for on in (True, False)}
     for world in worlds.values():
         world.reset({0: np.random.default_rng(0)})
     with pytest.raises(ValueError, match=r"self_contact \{'thickness': 0\.004, 'friction': 0\.3\} instead of None"):
-        worlds[False].set_state(worlds[None].get_state())
-    other = World("Flag", resolution=SMALL, backend_kwargs={"solver": "implicit"})
-    other.set_state(worlds[None].get_state())  # another physics goes on from the same cloth
+        worlds[False].set_state(worlds[True].get_state())
     for on in (True, False):
         path = str(tmp_path / f"{on}.h5")
         with RecordRollout(gym.make("MiniCloth-Flag-v0", resolution=SMALL, self_contact=on), path) as env:

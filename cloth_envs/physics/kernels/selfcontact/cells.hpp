@@ -31,11 +31,12 @@ const T* slots(Sweep<T>& s, int block) {
   };
   for (int k = 0; k < 6; ++k) {
     alignas(64) T x[kWide];
-    const T *const start = s.start.data() + (std::size_t(3) * block + k % 3) * kWide, *const way = s.way.data() + (start - s.start.data());
+    const T *const start = &s.start[s.row_of(block, k % 3)], *const way = &s.way[s.row_of(block, k % 3)];
     for (int i = 0; i < kWide; i += n) store<T>(x + i, load(start + i) + (k < 3 ? s.time : s.end) * load(way + i));
     for (int r = 0; r < kSide; ++r) {
       T *const lo = to + (k + k / 3 * 3) * kCells + r * kSide, *const hi = lo + 3 * kCells;
-      const Four p = four(x + r * next), q = four(x + r * next + 1), u = four(x + (r + 1) * next), v = four(x + (r + 1) * next + 1);
+      const Four p = four(x + r * next), q = four(x + r * next + 1), u = four(x + (r + 1) * next),
+                 v = four(x + (r + 1) * next + 1);
       const Four pl = p < q ? p : q, ul = u < v ? u : v, ph = p > q ? p : q, uh = u > v ? u : v;
       const Four low = pl < ul ? pl : ul, high = ph > uh ? ph : uh;
       std::memcpy(lo, &low, sizeof low), std::memcpy(hi, &high, sizeof high);
@@ -58,7 +59,8 @@ struct Around {
     for (int block = 0; block < 9; ++block)
       for (int i = 0; i < kCells; ++i)
         for (int j = 0; j < kCells; ++j) {
-          const int r = (block / 3 - 1) * kSide + j / kSide - i / kSide, c = (block % 3 - 1) * kSide + j % kSide - i % kSide;
+          const int r = (block / 3 - 1) * kSide + j / kSide - i / kSide,
+                    c = (block % 3 - 1) * kSide + j % kSide - i % kSide;
           const bool near = std::abs(r) <= kApart && std::abs(c) <= kApart;
           cells[block / 3][block % 3][i] |= std::uint16_t(near << j);
         }

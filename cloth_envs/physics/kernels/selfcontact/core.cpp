@@ -6,11 +6,11 @@
 namespace minicloth {
 namespace {
 
-constexpr double kWindow = 0.012;       // s, for how long ways are followed
-constexpr double kWatch = 0.8;          // cells, up to which distance blocks are watched that are not close
-constexpr int kSoon = 8, kLate = 16;    // steps from a search to a check, between two checks at most
+constexpr double kWindow = 0.012;     // s, for how long ways are followed
+constexpr double kWatch = 0.8;        // cells, up to which distance blocks are watched that are not close
+constexpr int kSoon = 8, kLate = 16;  // steps from a search to a check, between two checks at most
 constexpr double kCalm = 0.5, kStart = 2, kWild = 5;  // m/s, what speeds may change by until parts are looked at again
-constexpr int kEnd[3] = {1, 2, 3};      // corners where edges of a cell end: right, below, diagonal
+constexpr int kEnd[3] = {1, 2, 3};                    // corners where edges of a cell end: right, below, diagonal
 
 template <class T>
 bool sooner(const Close<T>& a, const Close<T>& b) {
@@ -96,7 +96,7 @@ void SelfContact<T>::find(bool all) {
   near.blocks(sweep_, layer_, layer_, std::max(layer_, T(kWatch * std::sqrt(cell_area_))));
   near.cells(sweep_, 2 * layer_);
   first_.resize(sweep_.cells.size());
-  auto* const first = reinterpret_cast<std::uint8_t(*)[kParts + 1]>(first_.data());
+  auto* const first = reinterpret_cast<std::uint8_t (*)[kParts + 1]>(first_.data());
   near.parts(sweep_, {layer_, layer_ / 2, haste_, h_}, layer_, first);
   for (std::size_t p = 0; p < sweep_.cells.size(); ++p)
     if (first[p][kParts]) add(sweep_.cells[p], first[p]);
@@ -114,7 +114,7 @@ void SelfContact<T>::add(const CellPair& cells, const std::uint8_t (&wait)[kPart
     Close<T> part = {{}, {0, 0, 0}, cells.blocks, false};
     std::array<int, 4>& x = part.at;
     if (k < kVertexParts) {
-      const int(&t)[4] = at[1 - k / 2];
+      const int (&t)[4] = at[1 - k / 2];
       x = {at[k / 2][0], t[0], t[k % 2 ? 3 : 2], t[k % 2 ? 1 : 3]};
       if (missing(t, 3) || x[0] == x[1] || x[0] == x[2] || x[0] == x[3]) continue;
     } else {

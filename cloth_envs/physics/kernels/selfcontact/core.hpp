@@ -38,7 +38,7 @@ class SelfContact {
   std::vector<std::uint8_t> wait_;
   std::vector<std::pair<int, int>> acts_;  // what to keep apart now, and for how many steps
   std::vector<int> touched_;               // what was kept apart since it was found
-  std::vector<Close<T>> before_;            // the same of what is found anew, and whether some begin with an element
+  std::vector<Close<T>> before_;           // the same of what is found anew, and whether some begin with an element
   std::vector<char> known_;
 
   const Strips<T>* strips_ = nullptr;

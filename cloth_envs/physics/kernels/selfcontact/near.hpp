@@ -11,12 +11,13 @@
 
 namespace minicloth {
 
-constexpr int kSide = 4, kCells = kSide * kSide;   // cells along a block's side, in a block; the same of blocks in a group
+constexpr int kSide = 4,
+              kCells = kSide * kSide;  // cells along a block's side, in a block; the same of blocks in a group
 constexpr int kPoints = (kSide + 1) * (kSide + 1);  // of a block: its cells' corners
 constexpr int kWide = 32;                           // the same with some to spare, which repeat the last one
 constexpr int kBox = 12;                            // lo and hi x, y, z of points now, then of them at the end
 constexpr int kRecord = 32;                         // numbers of a cell: its corners now, then at the end, and 8 unused
-constexpr int kVertexParts = 4, kParts = 13;        // pairs of a vertex and a triangle, and all, of two cells: see parts
+constexpr int kVertexParts = 4, kParts = 13;  // pairs of a vertex and a triangle, and all, of two cells: see parts
 
 // Two blocks whose points may stray from their ways by `room` against each other before something else than what was
 // found of them may be close; until one of them is searched anew.
@@ -44,15 +45,15 @@ struct Sweep {
   std::vector<int> corner[4];          // vertices of every cell: upper left, upper right, lower left, lower right
   std::vector<std::int16_t> row, col;  // of every cell
 
-  T most;                     // m, see NearLanes::blocks
-  T time, before, end;        // s: now, when boxes were last brought up to date, and until when ways are followed
-  Plane<T> x, v;              // of vertices now, 3 planes each
-  Plane<T> start, way;        // 3 rows of kWide of every block: where its points were at time 0, or would have been, m/s
-  Plane<T> normal, even;      // of cells, over their rest area; 1 where neighbours are nearly level with it, else -1
+  T most;                 // m, see NearLanes::blocks
+  T time, before, end;    // s: now, when boxes were last brought up to date, and until when ways are followed
+  Plane<T> x, v;          // of vertices now, 3 planes each
+  Plane<T> start, way;    // 3 rows of kWide of every block: where its points were at time 0, or would have been, m/s
+  Plane<T> normal, even;  // of cells, over their rest area; 1 where neighbours are nearly level with it, else -1
   Plane<T> box, group, cone;  // kBox planes of blocks and of groups; 6 of blocks, the box of their normals
   Plane<T> shift;             // 4 planes of blocks: the middle of the box of how far points strayed, half its diagonal
-  // Of blocks where `filled` says so: kBox rows of kCells, of their cells; of every cell of these kRecord numbers; bit i
-  // of `level` where cell i is even.
+  // Of blocks where `filled` says so: kBox rows of kCells, of their cells; of every cell of these kRecord numbers; bit
+  // i of `level` where cell i is even.
   Plane<T> slots, records;
   std::vector<char> filled, fresh;  // fresh: only what these blocks meet is searched
   std::vector<std::uint16_t> level;
@@ -61,6 +62,7 @@ struct Sweep {
   std::vector<CellPair> cells;
 
   void shape(int rows, int cols, bool periodic);
+  std::size_t row_of(int block, int axis) const { return (std::size_t(3) * block + axis) * kWide; }
 };
 
 // How often close parts are looked at: one that lies `far` apart and closes at a speed u, in
@@ -72,8 +74,8 @@ struct Looking {
   T reach, danger, haste, h;  // m, m, m/s, s
 };
 
-// A vertex and a triangle, or two edges: elements of a field; the unit vector from the second to the first when they were
-// last looked at, 0 before; the pair of blocks that they were found in.
+// A vertex and a triangle, or two edges: elements of a field; the unit vector from the second to the first when they
+// were last looked at, 0 before; the pair of blocks that they were found in.
 template <class T>
 struct Close {
   std::array<int, 4> at;

@@ -17,7 +17,7 @@ constexpr int kPasses = 4;     // over what is kept apart, while some of it is v
 // section 5.1.5).
 template <class T>
 void nearest_in_triangle(const Vec<T> (&x)[4], T (&share)[4]) {
-  const Vec<T> &p = x[0], &a = x[1], &b = x[2], &c = x[3], ab = b - a, ac = c - a;
+  const Vec<T>&p = x[0], &a = x[1], &b = x[2], &c = x[3], ab = b - a, ac = c - a;
   const T d1 = dot(ab, p - a), d2 = dot(ac, p - a), d3 = dot(ab, p - b), d4 = dot(ac, p - b), d5 = dot(ab, p - c),
           d6 = dot(ac, p - c), va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2;
   const auto at = [&](T v, T w) { share[0] = 1, share[1] = v + w - 1, share[2] = -v, share[3] = -w; };
@@ -98,10 +98,12 @@ bool SelfContact<T>::resolve(int part, bool edges, int steps) {
   const T back = std::min(h_ * stop, std::max(-gap, T(0))), rest = std::max(-gap - back, T(0));
   const T push = apart < 0 ? far : back + std::min(T(kPush) * rest, T(kMost) * layer_);
   const Vec<T> slide = u - un * n;
-  const T sliding = std::sqrt(dot(slide, slide)), hold = sliding > 0 ? std::min(friction_ * stop / sliding, T(1)) : T(0);
+  const T sliding = std::sqrt(dot(slide, slide)),
+          hold = sliding > 0 ? std::min(friction_ * stop / sliding, T(1)) : T(0);
   for (int q = 0; q < 4; ++q) {
     const T part_of = mobility_[place[q]] * share[q] / give;
-    const Vec<T> to = x[q] + (part_of * push) * n, w = v[q] + part_of * (stop * n - hold * slide), y = to + damping_ * w;
+    const Vec<T> to = x[q] + (part_of * push) * n, w = v[q] + part_of * (stop * n - hold * slide),
+                 y = to + damping_ * w;
     T *const px = f_.x + place[q], *const pv = f_.v + place[q], *const py = f_.y + place[q];
     px[0] = to.x, px[width] = to.y, px[2 * width] = to.z;
     pv[0] = w.x, pv[width] = w.y, pv[2 * width] = w.z;
