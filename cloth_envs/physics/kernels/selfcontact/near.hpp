@@ -67,7 +67,7 @@ struct Sweep {
 
 // How often close parts are looked at: one that lies `far` apart and closes at a speed u, in
 // (far - danger) / ((u + haste) h) steps, from 1 to kMostSteps. kAct says that it has to be kept apart before.
-constexpr int kMostSteps = 32, kAct = 128;
+constexpr int kMostSteps = 64, kAct = 128;
 constexpr double kTaken = 0.7;  // of their room, from which blocks are searched anew
 template <class T>
 struct Looking {
