@@ -57,20 +57,17 @@ bool flat(const Sweep<T>& s, int a, int b) {
   for (int k = 0; k < 3; ++k) {
     const std::size_t i = std::size_t(k) * s.blocks, j = std::size_t(3 + k) * s.blocks;
     const T lo = lesser(s.cone[i + a], s.cone[i + b]), hi = greater(s.cone[j + a], s.cone[j + b]);
-    if (lo > hi) return true;
     axis[k] = (lo + hi) / 2, length += axis[k] * axis[k], spread += (hi - lo) * (hi - lo) / 4;
   }
   length = std::sqrt(length);
   if (length - std::sqrt(spread) > T(kFlat)) return true;
   if (length < T(kFlat)) return false;
   const T *const x = s.normal.data(), *const y = x + s.plane, *const z = y + s.plane, least = T(kFlat) * length;
-  const int across = s.periodic ? s.cols : s.cols - 1;
   for (const int block : {a, b}) {
-    const int first = s.at[block], rows = std::min(kSide, s.rows - 1 - s.row[first]);
-    const int cols = std::min(kSide, across - s.col[first]);
-    for (int r = 0; r < rows; ++r)
-      for (int c = 0; c < cols; ++c) {
-        const int i = first + r * s.cols + c;
+    const auto [r0, r1, c0, c1] = s.with_triangles(block);
+    for (int r = r0; r < r1; ++r)
+      for (int c = c0; c < c1; ++c) {
+        const int i = r * s.cols + c;
         if (axis[0] * x[i] + axis[1] * y[i] + axis[2] * z[i] < least) return false;
       }
   }

@@ -132,8 +132,7 @@ void boxes(Sweep<T>& s, T cell_area, bool all) {
   for (const bool second : {false, true})
     for (int b = 0; b < s.blocks; ++b) {
       if (s.at[b] < 0 || !s.fresh[b]) continue;
-      const int r0 = s.row[s.at[b]], r1 = std::min(r0 + kSide, s.rows - 1);
-      const int c0 = s.col[s.at[b]], c1 = std::min(c0 + kSide, across);
+      const auto [r0, r1, c0, c1] = s.with_triangles(b);
       if (second) {
         if (!all) evenness(s, r0, r1, c0, c1);
         continue;

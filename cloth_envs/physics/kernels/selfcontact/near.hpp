@@ -62,12 +62,21 @@ struct Sweep {
   std::vector<CellPair> cells;
 
   void shape(int rows, int cols, bool periodic);
+  // Rows r0 to r1 - 1, columns c0 to c1 - 1 of a block's cells that have triangles; where it has none, the nearest ones.
+  struct Range {
+    int r0, r1, c0, c1;
+  };
+  Range with_triangles(int block) const {
+    const int r = row[at[block]], c = col[at[block]], down = rows - 1, across = periodic ? cols : cols - 1;
+    const int r0 = r < down ? r : down - 1, c0 = c < across ? c : across - 1;
+    return {r0, r0 + kSide < down ? r0 + kSide : down, c0, c0 + kSide < across ? c0 + kSide : across};
+  }
   std::size_t row_of(int block, int axis) const { return (std::size_t(3) * block + axis) * kWide; }
 };
 
 // How often close parts are looked at: one that lies `far` apart and closes at a speed u, in
 // (far - danger) / ((u + haste) h) steps, from 1 to kMostSteps. kAct says that it has to be kept apart before.
-constexpr int kMostSteps = 64, kAct = 128;
+constexpr int kMostSteps = 32, kAct = 128;
 constexpr double kTaken = 0.7;  // of their room, from which blocks are searched anew
 template <class T>
 struct Looking {
