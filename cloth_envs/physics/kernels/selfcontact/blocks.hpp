@@ -118,6 +118,16 @@ inline void extent(const T* from, const T* way, T t, T* lo, T* hi) {
   *lo = low[0], *hi = high[0];
 }
 
+// The cells of a block that have a normal; of one that holds just the sheet's end, those before it.
+struct Cells {
+  int r0, r1, c0, c1;
+};
+template <class T>
+inline Cells cells_of(const Sweep<T>& s, int block) {
+  const int rows = s.rows - 1, cols = s.periodic ? s.cols : s.cols - 1, row = s.row[s.at[block]], col = s.col[s.at[block]];
+  return {std::min(row, rows - 1), std::min(row + kSide, rows), std::min(col, cols - 1), std::min(col + kSide, cols)};
+}
+
 template <class T>
 void boxes(Sweep<T>& s, T cell_area, bool all) {
   const std::size_t n = s.blocks;
@@ -133,8 +143,7 @@ void boxes(Sweep<T>& s, T cell_area, bool all) {
   for (const bool second : {false, true})
     for (int b = 0; b < s.blocks; ++b) {
       if (s.at[b] < 0 || !s.fresh[b]) continue;
-      const int r0 = s.row[s.at[b]], r1 = std::min(r0 + kSide, s.rows - 1);
-      const int c0 = s.col[s.at[b]], c1 = std::min(c0 + kSide, across);
+      const auto [r0, r1, c0, c1] = cells_of(s, b);
       if (second) {
         if (!all) evenness(s, r0, r1, c0, c1);
         continue;
@@ -212,20 +221,17 @@ bool flat(const Sweep<T>& s, int a, int b) {
   for (int k = 0; k < 3; ++k) {
     const std::size_t i = std::size_t(k) * s.blocks, j = std::size_t(3 + k) * s.blocks;
     const T lo = lesser(s.cone[i + a], s.cone[i + b]), hi = greater(s.cone[j + a], s.cone[j + b]);
-    if (lo > hi) return true;
     axis[k] = (lo + hi) / 2, length += axis[k] * axis[k], spread += (hi - lo) * (hi - lo) / 4;
   }
   length = std::sqrt(length);
   if (length - std::sqrt(spread) > T(kFlat)) return true;
   if (length < T(kFlat)) return false;
   const T *const x = s.normal.data(), *const y = x + s.plane, *const z = y + s.plane, least = T(kFlat) * length;
-  const int across = s.periodic ? s.cols : s.cols - 1;
   for (const int block : {a, b}) {
-    const int first = s.at[block], rows = std::min(kSide, s.rows - 1 - s.row[first]);
-    const int cols = std::min(kSide, across - s.col[first]);
-    for (int r = 0; r < rows; ++r)
-      for (int c = 0; c < cols; ++c) {
-        const int i = first + r * s.cols + c;
+    const auto [r0, r1, c0, c1] = cells_of(s, block);
+    for (int r = r0; r < r1; ++r)
+      for (int c = c0; c < c1; ++c) {
+        const int i = r * s.cols + c;
         if (axis[0] * x[i] + axis[1] * y[i] + axis[2] * z[i] < least) return false;
       }
   }
