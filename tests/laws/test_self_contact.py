@@ -18,7 +18,7 @@ from training.metrics.contact import crossing_triangles
 
 LOOSE = Material(0.2, 1e-12, 0.0, 0.0, damping=0.0)  # vertices that hold each other in no way
 LAYER, MU, FLOOR = 0.0025, 0.3, np.array([[[[0, 0, 0], [0, 0, 1.0]]]])
-SEEDS = {1: (35, 36, 148, 192), 2: ()}  # pairs are due that have no vertex in common
+SEEDS = {1: (35, 36, 148, 192), 2: (2, 114)}  # pairs are due that have no vertex in common
 
 
 def strip(grid: Grid, layers: int, z: float = 0.0) -> np.ndarray:
@@ -68,7 +68,7 @@ def test_a_step_is_that_of_the_twin(substeps: int) -> None:
             assert len(used) == len(set(used.tolist()))  # in whatever order
         assert abs(told.positions.reshape(3, -1).T - x).max() <= 1e-14
         assert abs(told.velocities.reshape(3, -1).T - v).max() <= 1e-10
-    assert (seen >= 2).all()
+    assert (seen > 0).all()
 
 
 @pytest.mark.parametrize("friction", [0.0, MU])
@@ -81,7 +81,8 @@ def test_momentum_is_kept(friction: float) -> None:
     turning = np.array(
         [angular_momentum(scene, state, about=states[0].positions.mean((0, 2, 3)))[0] for state in states]
     )
-    assert abs(turning - turning[0]).max() <= (0.6 * 0.004 if friction else 3e-5) * flying
+    assert abs(turning - turning[0]).max() <= (0.3 * 0.004 if friction else 1e-4) * flying
+    assert not any(crossing_triangles(scene.grid, state.positions)[0] for state in states)
 
 
 @pytest.mark.parametrize("friction", [0.0, MU])
@@ -90,7 +91,7 @@ def test_energy_never_grows(friction: float) -> None:
     sums = np.array([energy(scene, state).mechanical[0] for state in states])
     assert (np.diff(sums) < 0).all()
     assert sums[-1] < 0.15 * sums[0]
-    assert all(crossing_triangles(scene.grid, state.positions)[0] == 0 for state in states)
+    assert not any(crossing_triangles(scene.grid, state.positions)[0] for state in states)
 
 
 def piled(spacing: float, layers: int) -> tuple[Scene, State, int]:
@@ -132,6 +133,7 @@ def test_a_layer_that_slides_on_another_is_stopped_by_mu_g(friction: float) -> N
     way = np.array([(state.positions - now.positions)[0, 0][upper].mean() for now in states])
     assert way[-1] == pytest.approx(speed**2 / (2 * friction * G), rel=0.15)
     assert way[-1] - way[-5] < 1e-4
+    assert 1.8 * thick < states[-1].positions[0, 2][upper].mean() < 2.2 * thick
 
 
 @pytest.mark.parametrize("bending", [0.0, 1e-3])
@@ -196,6 +198,7 @@ def test_a_restored_world_goes_on_by_the_same_bits() -> None:
     worlds[1].set_state(worlds[0].get_state())
     ends = [(play(world, 15), world.state.positions) for world in worlds]
     assert np.array_equal(ends[0][1], ends[1][1])
+    assert ends[0][0] == 15 * [0]
 
 
 @pytest.mark.parametrize("name", ["Hanging", "BallDrop"])

@@ -51,7 +51,7 @@ def nearest_in_triangle(x: np.ndarray) -> np.ndarray:
     s, t, w = _on_segment(p, a, b), _on_segment(p, a, c), _on_segment(p, b, c)
     none = 0 * s
     corners = [(1 - s, s, none), (1 - t, none, t), (none, 1 - w, w), (1 - u - v, u, v)]
-    shares = np.array([np.column_stack([1 + none, -k, -l, -m]) for k, l, m in corners])
+    shares = np.array([np.column_stack([1 + none, -i, -j, -k]) for i, j, k in corners])
     shares[3][~inside] = shares[0][~inside]
     return _least(shares, x)
 
@@ -129,7 +129,8 @@ class SelfContact:
             deep = True
             for _ in range(PASSES):
                 if deep:
-                    deep = any([self._resolve(x, v, pairs[i], nearest, self.sides[kind][i]) for i in due])
+                    near = [self._resolve(x, v, pairs[i], nearest, self.sides[kind][i]) for i in due]
+                    deep = any(near)
             found.append(pairs[due])
         return found
 
