@@ -102,6 +102,16 @@ def test_no_fabric_gains_energy_at_its_largest_step(fabric: str) -> None:
     assert last < first
 
 
+@pytest.mark.parametrize(("degrees", "shear"), [(30, 1.0), (60, 1.0), (60, 0.0), (80, 0.1)])
+def test_no_sheared_sheet_gains_energy_at_its_largest_step(degrees: float, shear: float) -> None:
+    grid, angle = Grid(17, 17, 1.0, 1.0), np.radians(degrees)
+    scene = Scene("free", grid, Material(shear_stiffness=shear), 0.02, gravity=0.0)
+    state = State.still(flat(grid, down=(np.sin(angle), -np.cos(angle), 0)))
+    state.positions += np.random.default_rng(4).normal(0, 1e-5, state.positions.shape)
+    total = balance(scene, run(scene, state, frames=40)[0], Controls.hold(state, ()))
+    assert (total[1:] < total[0]).all()
+
+
 def convergence(material: Material, air: Air | None, numbers: Sequence[int]) -> np.ndarray:
     """How far ends with successive ``numbers`` of substeps are apart, which shrinks like the error itself [m]."""
     grid = Grid(7, 6, 0.5, 0.6)

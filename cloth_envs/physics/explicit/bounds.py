@@ -10,6 +10,7 @@ from cloth_envs.scene import Scene
 
 SAFETY = 0.9
 SHEAR = np.radians(15.0)  # of a cell, up to which its springs are bounded by their directions
+LOAD = 0.017  # strain of threads under loads that shear whole regions of cells alike
 HELD = 7  # substeps for which slow forces are held: docs/solvers.md has what more would save and cost
 
 
@@ -19,14 +20,15 @@ def directed_bound(scene: Scene, material: Material) -> float:
     ``K`` of a spring is ``k d d^T``, ``d`` its direction: what neighbours along a row and along a column do to a vertex
     does not add up, as in ``stiffness_bound``. On an even grid waves ``exp(i (p r + q c))`` are eigenvectors; a free
     border with its halved masses and springs is one mirrored about it. The largest over all waves, of flat cells and of
-    cells sheared by ``SHEAR``; at a shear of 90 degrees it would be that of ``stiffness_bound``. Cells that are sheared
-    further are inside ``SAFETY`` until 33 degrees, and then seldom all alike.
+    cells sheared by ``SHEAR`` or, where shear is weak, by what loads that strain the threads by ``LOAD`` make of them:
+    ``tan(angle) = LOAD stretch / shear``, at 90 degrees the bound of ``stiffness_bound``. Cells sheared by 15 to 33
+    degrees are inside ``SAFETY``, and further ones seldom all alike (docs/solvers.md).
     """
     grid, worst = scene.grid, 0.0
     a, b, stretch = grid.row_spacing, grid.col_spacing, material.stretch_stiffness
     shear = material.shear_stiffness * (a * a + b * b) / (2 * a * b)
     p, q = np.meshgrid(*2 * [np.linspace(-np.pi, np.pi, 33)])
-    for angle in (0.0, SHEAR):
+    for angle in (0.0, max(SHEAR, np.arctan2(LOAD * stretch, material.shear_stiffness))):
         col, row = np.array([b, 0.0]), a * np.array([np.sin(angle), np.cos(angle)])
         matrix = np.zeros((*p.shape, 2, 2))
         edges = [
