@@ -138,6 +138,22 @@ def test_soft_handles_are_stable_however_stiff(stiffness: float, monkeypatch: py
     assert max(kinetic) < 1.05 * start  # symplectic Euler's energy oscillates by a few percent
 
 
+@pytest.mark.parametrize("dtype", ["float64", "float32"])
+def test_velocities_of_soft_handles_are_how_they_move(dtype: str) -> None:
+    """Their springs carry the cloth, of which a half kick alone would be told as ``g h / 2`` times its weight on them."""
+    grid = Grid(9, 11, 0.6, 0.8)
+    scene = replace(hung(grid), material=CLOTH.with_changes(drag=20.0))
+    solver = ExplicitSolver(scene, dtype=dtype)
+    solver.reset(flat(grid))
+    controls = Controls.hold(solver.state, scene.handles)
+    for _ in range(100):
+        before = solver.state.positions
+        state = solver.advance(controls)
+    moved = (state.positions - before) / scene.frame_dt
+    found, want = (field.reshape(3, -1)[:, scene.handles] for field in (state.velocities, moved))
+    assert abs(found - want).max() < 0.005
+
+
 @pytest.mark.parametrize(
     ("solver", "steps", "options"),
     [

@@ -98,7 +98,7 @@ def frame(
     dt, held, shape = scene.frame_dt, list(scene.handles), x.shape
     h = dt / substeps
     drag, part, past, slow = sheets["drag"], kicks(substeps).tolist(), v, torch.zeros_like(x)
-    wind, pressure, index = tensor(controls.wind), tensor(controls.pressure), torch.tensor(held, device=x.device)
+    wind, pressure, index = tensor(controls.wind), tensor(controls.pressure), torch.tensor(held, dtype=torch.int64, device=x.device)
     ends = [tensor(a.transpose(0, 2, 1)) for a in (controls.handle_positions, controls.handle_velocities)]
     now = [a.flatten(2)[..., held].transpose(1, 2) for a in (x, v)]
     starts: list[Tensor] = handle_starts(scene, *now, ends[0].transpose(1, 2))  # type: ignore[arg-type, assignment, call-arg]
@@ -108,6 +108,11 @@ def frame(
     rate = soft * (sheets["stretch_stiffness"] / sheets["areal_density"])[..., 0]
     bodies, *rest = (tensor(a) for part in (start, controls) for a in (part.colliders, part.collider_velocities))
     cubic = [bodies, *rest]
+
+    def pulled(x: Tensor, v: Tensor, path: Tensor, time: float) -> Tensor:  # as laws.drives.pull_handles
+        pull = time * rate * (path - x.flatten(2)[..., held])
+        return v.flatten(2).index_add(2, index, pull).reshape(shape)
+
     for k in range(substeps + 1):
         if k % hold == 0:
             later, trend = foresight(k, hold, substeps)
@@ -119,6 +124,8 @@ def frame(
         for extra in forces:
             force = force + extra(x, v)
         time = h * part[k]
+        if k == 0:
+            v = pulled(x, v, handles[0], -h / 2)
         lag = torch.where(drag > 0, -torch.expm1(-drag * time) / drag.clamp_min(TINY), time)
         v = torch.exp(-drag * time) * v + lag / cell.mass(sheets) * force
         end, step = (k + 1) / substeps, h
@@ -142,4 +149,4 @@ def frame(
                 for a, b, c in ((path, x, h * drawn), (speed, v, drawn))
             ]
             x, v = (a.flatten(2).index_copy(2, index, b).reshape(shape) for a, b in zip((x, v), driven, strict=True))
-    return x, v
+    return x, pulled(x, v, handles[2], h / 2)
