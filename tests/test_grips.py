@@ -140,7 +140,7 @@ def test_soft_handles_are_stable_however_stiff(stiffness: float, monkeypatch: py
 
 @pytest.mark.parametrize("dtype", ["float64", "float32"])
 def test_velocities_of_soft_handles_are_how_they_move(dtype: str) -> None:
-    """Their springs carry the cloth, of which a half kick alone would be told as ``g h / 2`` times its weight on them."""
+    """Their springs carry the cloth; without their half kick what they carry would be told as ``F h / (2 m)``."""
     grid = Grid(9, 11, 0.6, 0.8)
     scene = replace(hung(grid), material=CLOTH.with_changes(drag=20.0))
     solver = ExplicitSolver(scene, dtype=dtype)

@@ -98,7 +98,8 @@ def frame(
     dt, held, shape = scene.frame_dt, list(scene.handles), x.shape
     h = dt / substeps
     drag, part, past, slow = sheets["drag"], kicks(substeps).tolist(), v, torch.zeros_like(x)
-    wind, pressure, index = tensor(controls.wind), tensor(controls.pressure), torch.tensor(held, dtype=torch.int64, device=x.device)
+    wind, pressure = tensor(controls.wind), tensor(controls.pressure)
+    index = torch.tensor(held, dtype=torch.int64, device=x.device)
     ends = [tensor(a.transpose(0, 2, 1)) for a in (controls.handle_positions, controls.handle_velocities)]
     now = [a.flatten(2)[..., held].transpose(1, 2) for a in (x, v)]
     starts: list[Tensor] = handle_starts(scene, *now, ends[0].transpose(1, 2))  # type: ignore[arg-type, assignment, call-arg]

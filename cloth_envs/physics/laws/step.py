@@ -67,10 +67,11 @@ def step(
     ``v <- v D + (F + G) / m h phi`` with ``F`` springs with their dashpots and weight, ``G`` bending, air, pressure,
     ``D = exp(-drag h)``, ``phi = (1 - D) / (drag h)`` (exact for a constant force); half of it (h / 2) in a frame's
     first, and again at its end. Then ``x <- x + h v``, contact with every body in turn; handles go, or are drawn, to
-    their cubics (``put_handles``); the springs of soft ones pull for half a substep more at the frame's end and for half
-    a one less at its start, whose first substep draws them for a whole one (``pull_handles``). ``G`` is that of the middle of the time for which it is held: of positions that go
-    on as they move, and for the air of velocities that go on changing as since it was last computed. Velocities at the
-    end are those that contact leaves of them if they go on for half a substep.
+    their cubics (``put_handles``); the springs of soft ones pull for half a substep more at the frame's end, and for
+    half less at its start, whose first substep draws them for a whole one (``pull_handles``). ``G`` is that of the
+    middle of the time for which it is held: of positions that go on as they move, and for the air of velocities that go
+    on changing as since it was last computed. Velocities at the end are those that contact leaves of them if they go on
+    for half a substep.
     """
     materials = [scene.material] * state.batch if materials is None else materials
     if isinstance(substeps, np.ndarray):

@@ -22,8 +22,8 @@ class HeldVertices {
         still_.push_back({h.at, {T(h.path[0].p0), T(h.path[1].p0), T(h.path[2].p0)}});
     }
   }
-  // At s of the frame, the end of a step of dt: firm ones are put on their paths, soft ones drawn there, not at all where
-  // dt is 0.
+  // At s of the frame, the end of a step of dt, which is 0 at the frame's end: firm ones are put on their paths, soft
+  // ones drawn there.
   void hold(const Fields<T>& f, const StepTerms<T>& terms, int width, double s, double dt) const {
     for (const Still& h : still_)
       for (int k = 0, at = h.at; k < 3; ++k, at += width) f.x[at] = f.y[at] = h.x[k], f.v[at] = T(0);
