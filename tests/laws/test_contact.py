@@ -8,7 +8,8 @@ from worlds import THREADS, G, centre, flat, run
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.scene import Collider, Scene
+from cloth_envs.physics.explicit.solver import ExplicitSolver
+from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.state import Controls, State
 
 MU = 0.5
@@ -83,6 +84,31 @@ def test_a_fast_sphere_does_not_pass_the_hung_cloth(dtype: str) -> None:
     grid, radius, speed = Grid(61, 41, 1.5, 1.0), 0.1, 20.0
     scene = Scene("hit", grid, CLOTH, 0.02, handles=(0, 40), colliders=(Collider("sphere", radius),))
     check_no_tunnelling(scene, speed, frames=3, dtype=dtype)
+
+
+@pytest.mark.parametrize("speed", [30.0, 60.0])
+def test_still_air_holds_a_cloth_that_a_ball_tears_along(speed: float) -> None:
+    """A free sheet: its air is faster than any wind, and steps are counted for it alone, not for others of a batch."""
+    grid, dt = Grid(25, 25, 1.0, 1.0), 0.02
+    scene = Scene("shot", grid, Material(), dt, air=Air(), colliders=(Collider("sphere", 0.1, MU),))
+    velocity = np.array([[[[0.0, 0.0, -speed]] * 2], [[[0.0, 0.0, 0.0]] * 2]])  # the second one's ball rests below
+    place = np.array([[[[0.6, -0.4, 0.12 + speed * dt]] * 2], [[[0.5, -0.5, -3.0]] * 2]])
+    state = State.still(np.repeat(flat(grid), 2, 0), place)
+    state.collider_velocities[:] = velocity
+    ends = []
+    for members in ([0, 1], [1]):
+        solver = ExplicitSolver(scene, num_envs=len(members))
+        solver.reset(state.select(members))
+        for frame in range(6):
+            controls = Controls.hold(solver.state, ())
+            controls.colliders = (place + velocity * dt * (frame + 1))[members]
+            controls.collider_velocities = velocity[members]
+            solver.advance(controls)
+        assert solver.last_cuts[-1].tolist() == solver.cuts[-1].tolist()
+        ends.append(solver.state.positions)
+    assert np.isfinite(ends[0]).all()
+    assert abs(ends[0][0] - flat(grid)[0]).max() > 0.3  # it was hit
+    np.testing.assert_array_equal(ends[0][1], ends[1][0])
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.4, 0.3)])

@@ -50,19 +50,19 @@ def directed_bound(scene: Scene, material: Material) -> float:
 
 
 @lru_cache(maxsize=1024)  # an environment asks before it sets a material
-def stable_step(scene: Scene, material: Material, pressure: float = PRESSURE) -> float:
+def stable_step(scene: Scene, material: Material, pressure: float = PRESSURE, speed: float = 0.0) -> float:
     """The step ``h`` [s] for which ``h^2 K + 2 h C <= 4 M`` with safety 0.9.
 
     With the damping force taken at the velocity half a step before, each mode has the
     characteristic polynomial ``z^2 - (2 - h c - h^2 k) z + (1 - h c)``; its roots stay in the unit
     circle while ``h^2 k + 2 h c <= 4``. ``k`` holds springs (``directed_bound``), bending and, where the scene has it,
     ``pressure`` [Pa]; ``c`` the dashpots (``damping`` times the springs' stiffness) and the slope of the air's force
-    (``air_bound``). Every spring adds the larger of what it adds lengthened and shortened, so the step is the smaller
-    one of a sheet of either.
+    (``air_bound``) up to ``speed`` [m/s]. Every spring adds the larger of what it adds lengthened and shortened, so the
+    step is the smaller one of a sheet of either.
     """
     springs = directed_bound(scene, material)
     other = stiffness_bound(scene, material)[1] + pressure_bound(scene, material, pressure)
-    air = air_bound(scene, material, pressure)
+    air = air_bound(scene, material, pressure, speed)
 
     def step(stiffness: float, damping: float) -> float:
         k, c = stiffness * springs + other, damping * material.damping * springs + air
@@ -72,7 +72,9 @@ def stable_step(scene: Scene, material: Material, pressure: float = PRESSURE) ->
 
 
 @lru_cache(maxsize=1024)
-def interval(scene: Scene, material: Material, h: float, pressure: float = PRESSURE, *, loose: bool = False) -> int:
+def interval(
+    scene: Scene, material: Material, h: float, pressure: float = PRESSURE, speed: float = 0.0, *, loose: bool = False
+) -> int:
     """For how many substeps of ``h`` [s] bending, the air and pressure can be held, 1 at least.
 
     Held for a time T at the position ``T / 2`` ahead, a force of frequency ``w`` neither gains nor takes energy while
@@ -85,7 +87,7 @@ def interval(scene: Scene, material: Material, h: float, pressure: float = PRESS
     less, and counts where nothing is damped. Held for one substep a force is part of the step.
     """
     bending, pushed = stiffness_bound(scene, material)[1], pressure_bound(scene, material, pressure)
-    air = air_bound(scene, material, pressure) * (1 if loose else 2)
+    air = air_bound(scene, material, pressure, speed) * (1 if loose else 2)
     damping = material.damping * (1 + material.compression_damping) / 2
     fast = np.cbrt(bending / (RESONANCE * damping)) if damping > 0 else np.sign(bending + pushed) / h
     return max(int(min(1000, 1 / max(h * max(np.sqrt(bending + pushed), air, fast), 1e-9))), 1)

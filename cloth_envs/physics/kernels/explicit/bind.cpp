@@ -4,6 +4,7 @@
 #include <nanobind/stl/vector.h>
 
 #include "../module.hpp"
+#include "../sheet/drives.hpp"
 #include "core.hpp"
 
 namespace nb = nanobind;
@@ -30,13 +31,24 @@ void advance_explicit(const Explicit<T>& solver, const PythonState& old, const P
 }
 
 template <class T>
+std::vector<double> speeds_explicit(const Explicit<T>& solver, const PythonState& old, const PythonState& now,
+                                    const PythonControls& controls) {
+  const Frames<T> frames(solver.sheet(), old, now, controls);
+  std::vector<double> speeds;
+  for (const Frame<T>& frame : frames()) speeds.push_back(fastest(solver.sheet(), frame));
+  return speeds;
+}
+
+template <class T>
 void bind_explicit(nb::module_& m, const char* name) {
   nb::class_<Explicit<T>>(m, name)
       .def(nb::init<Sheet>(), nb::arg("sheet"))
       .def("advance", &advance_explicit<T>, nb::arg("old"), nb::arg("new"), nb::arg("controls"), nb::arg("materials"),
            nb::arg("substeps"), nb::arg("threads"),
            "A frame from old to the positions and velocities of new, of each cloth's material. substeps (B, 2): their "
-           "number, and for how many of them bending and the air are held.");
+           "number, and for how many of them bending and the air are held.")
+      .def("speeds", &speeds_explicit<T>, nb::arg("old"), nb::arg("new"), nb::arg("controls"),
+           "The largest speed of cloth, handles or bodies in each cloth's frame [m/s].");
 }
 
 }  // namespace
