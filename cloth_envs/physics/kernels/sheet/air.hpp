@@ -58,8 +58,8 @@ __attribute__((always_inline)) inline V3<T> air_force(const V3<T>& n, const V3<T
   return push * n - drag * u;
 }
 
-// The same for a long step h: what the air takes of a speed is divided by 1 + h a, a the rate at which it takes it, so
-// that it never turns the flow round.
+// The same at the end of a long step h, for what u would be without the air's force, which then leaves r u of it along
+// the normal and in the plane: r |u| (1 + h c_l s) + h c_n (r |u|)^2 = |u|, the implicit step of a free triangle.
 template <class T>
 __attribute__((always_inline)) inline V3<T> slowed_air_force(const V3<T>& n, const V3<T>& u, const AirTerms<T>& p) {
   const V<T> one = V<T>{} + T(1);
@@ -67,8 +67,11 @@ __attribute__((always_inline)) inline V3<T> slowed_air_force(const V3<T>& n, con
   const V<T> speed = through < T(0) ? -through : through;
   const V3<T> slide = u - (through * inverse) * n;
   const V<T> slide2 = dot(slide, slide) + T(1e-30), sliding = slide2 * rsqrt(slide2);
-  const V<T> drag = p.tangential * (square * inverse) * sliding / (one + p.slow_tangential * sliding);
-  const V<T> across = (p.normal * speed + p.lift * sliding) / (one + p.slow_normal * speed + p.slow_lift * sliding);
+  const V<T> two = one + one, four = two + two, lifted = one + p.slow_lift * sliding;
+  const V<T> under = lifted * lifted + four * p.slow_normal * speed, along = one + four * p.slow_tangential * sliding;
+  const V<T> left = two / (lifted + under * rsqrt(under)), kept = two / (one + along * rsqrt(along));
+  const V<T> drag = p.tangential * (square * inverse) * sliding * kept * kept;
+  const V<T> across = (p.normal * speed * left + p.lift * sliding) * left;
   return (p.half_pressure - across * through) * n - drag * slide;
 }
 
