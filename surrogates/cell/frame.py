@@ -80,7 +80,12 @@ def contact(
     stop = torch.where(touching, (-speed).clamp_min(0), 0)
     sliding = relative - speed * n
     hold = (body.friction * stop / (_dot(sliding, sliding) + TINY).sqrt()).clamp_max(1)
-    return x1 + torch.where(touching, -gap, 0) * n - dt * hold * sliding, v + stop * n - hold * sliding
+    x1 = x1 + torch.where(touching, -gap, 0) * n - dt * hold * sliding
+    if body.kind == "capsule":
+        p = x1 - _nearest(end, x1)[1]
+        size = (_dot(p, p) + TINY).sqrt()
+        x1 = x1 + torch.where(size < radius, radius / size - 1, 0) * p
+    return x1, v + stop * n - hold * sliding
 
 
 def frame(

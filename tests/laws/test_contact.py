@@ -200,15 +200,13 @@ def test_a_turning_capsule_sweeps_the_cloth_along() -> None:
 
     state = State.still(flat(grid, origin=(-0.3, 0.3, radius + scene.thickness)), start[None, None])
     state.collider_velocities[:] = np.cross([0, 0, rate], start)
-    states, h = run(scene, state, drive, 12)
+    states, _ = run(scene, state, drive, 12)
     for now in states[1:]:
         axis = now.colliders[0, 0, 1] - now.colliders[0, 0, 0]
         apart = now.positions[0].reshape(3, -1).T - now.colliders[0, 0, 0]
         s = np.clip(apart @ axis / (axis @ axis), 0, 1)
         distance = np.linalg.norm(apart - s[:, None] * axis, axis=1)
-        # A vertex is left on the tangent plane at its entry, after a slide of at most v h along it; the capsule's
-        # surface there turns by another rate * h. So it ends at most (v h)^2 / 2 R inside, v under 2 * 0.25 m * rate.
-        assert radius + scene.thickness - distance.min() <= (0.5 * rate * h) ** 2 / (2 * radius)
+        assert radius + scene.thickness - distance.min() < 1e-12
     x = state.positions[0]
     moved = (states[-1].positions[0] - x)[:2]
     spin = (x[0] * moved[1] - x[1] * moved[0])[np.hypot(x[0], x[1]) < 0.2].mean()
