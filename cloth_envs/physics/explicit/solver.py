@@ -103,34 +103,39 @@ class ExplicitSolver(Solver):
             )
         return int(count)
 
-    def _cuts(self, old: State, new: State, controls: Controls) -> np.ndarray:
-        """``cuts`` of the frame from ``old`` to ``new``.
+    def _cuts(self, old: State, controls: Controls, speeds: Sequence[float] = ()) -> np.ndarray:
+        """``cuts`` of the frame from ``old``, in which something has ``speeds`` ``(B,)`` [m/s] if they are given.
 
         What pressure does grows with the edges' lengths: they may double in a frame. Speeds may grow to four times
         theirs where something is hit, and the air moves at up to ``max_wind`` against them; more than that of sound is
         not counted on.
         """
-        scene, cuts = self.scene, self.cuts
-        loads = abs(controls.pressure).tolist() if scene.pressure else [0.0] * self.num_envs
-        speeds = self._kernel.speeds(old, new, controls) if scene.air else [0.0] * self.num_envs
-        for i, (load, speed) in enumerate(zip(loads, speeds, strict=True)):
-            if load <= PRESSURE and not speed > self._fastest:
-                continue
-            cuts = self.cuts.copy() if cuts is self.cuts else cuts
-            cause, felt, through = f"a speed of {speed:.3g} m/s", PRESSURE, 0.0
-            if scene.air and speed > self._fastest:
-                through = _rounded(min(4 * speed + scene.air.max_wind, SOUND))
-            if load > PRESSURE:
+        scene, pressure = self.scene, abs(controls.pressure)
+        high = pressure > PRESSURE if scene.pressure else np.zeros(len(pressure), bool)
+        fast = np.array(speeds) > self._fastest if speeds else np.zeros(len(pressure), bool)
+        if not (high | fast).any():
+            return self.cuts
+        cuts = self.cuts.copy()
+        for i in np.flatnonzero(high | fast).tolist():
+            load, speed, cause = PRESSURE, 0.0, "this material"
+            if fast[i] and scene.air:
+                speed = _rounded(min(4 * speeds[i] + scene.air.max_wind, SOUND))
+                cause = f"a speed of {speeds[i]:.3g} m/s"
+            if high[i]:
                 with np.errstate(all="ignore"):
                     stretch = 1 + strains(scene.grid, old.positions[[i]]).max()
-                    felt = _rounded(load * max(2 * stretch / STRETCH, 1.0))
+                    load = _rounded(pressure[i] * max(2 * stretch / STRETCH, 1.0))
                 cause = f"a pressure of {controls.pressure[i]:g} Pa on cloth that it stretched {stretch:.3g} times"
-            cuts[i] = self._cut(self._stepped[i], felt, through, cause)
+            cuts[i] = self._cut(self._stepped[i], load, speed, cause)
         return cuts
 
     def step(self, old: State, new: State, controls: Controls) -> None:
-        self.last_cuts = self._cuts(old, new, controls)
-        self._kernel.advance(old, new, controls, self._felt, self.last_cuts, self.threads)
+        self.last_cuts = self._cuts(old, controls) if self.scene.pressure else self.cuts
+        given = old, new, controls, self._felt
+        speeds = self._kernel.advance(*given, self.last_cuts, self._fastest, self.threads)
+        if speeds:
+            self.last_cuts = self._cuts(old, controls, speeds)
+            self._kernel.advance(*given, self.last_cuts, np.inf, self.threads)
         if self.scene.pressure and controls.pressure.any() and not np.isfinite(new.positions).all():
             raise ValueError(
                 f"a pressure of {abs(controls.pressure).max():g} Pa burst the cloth: lower it, raise the cloth's "

@@ -81,8 +81,8 @@ def minimise(
 ) -> Minimum:
     """Descend from ``x`` ``(3 n,)`` until the residual is at most ``enough`` [m/s^2].
 
-    A start is left even if its own is: cloth that went on as it moves would keep a residual's acceleration from step
-    to step. Every iterate lies outside the bodies. In an iteration the loads of the contacts, hence the largest friction,
+    A start is left even if its own is: cloth that went on as it moves would keep that residual from step to step.
+    Every iterate lies outside the bodies. In an iteration the loads of the contacts, hence the largest friction,
     are those of its start (a Tresca problem); at the end they are the contacts' own (Coulomb's law). A step is
     accepted when it lowers the potential with friction by 1e-4 of the slope, or, where rounding hides the change of
     the potential, when the slope along the step has not grown (Hager & Zhang 2005).
