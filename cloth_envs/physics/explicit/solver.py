@@ -33,11 +33,11 @@ class ExplicitSolver(Solver):
         substeps: per frame, instead of the largest stable step; not below the stable number.
         refine: multiplies the number of substeps (4 for truth).
         held: for how many substeps bending and the air are held, at most; fewer where they would not be stable. By
-            default up to 7, fewer where the air's rate asks for it: as exact as the step.
+            default up to 7, fewer where the air's rate or a lack of damping asks for it: as exact as the step.
 
     Raises:
         ValueError: a bad argument, or a material so stiff or light (in ``advance``: a pressure so large) that a frame
-            would need more than 20,000 substeps, or more than ``substeps``; a cloth burst by more than 100 Pa.
+            would need more than 20,000 substeps, or more than ``substeps``; a cloth burst by a pressure.
     """
 
     yields = True
@@ -136,7 +136,7 @@ class ExplicitSolver(Solver):
         if speeds:
             self.last_cuts = self._cuts(old, controls, speeds)
             self._kernel.advance(*given, self.last_cuts, np.inf, self.threads)
-        if self.scene.pressure and controls.pressure.any() and not np.isfinite(new.positions).all():
+        if self.scene.pressure and not np.isfinite(new.positions.sum()) and controls.pressure.any():
             raise ValueError(
                 f"a pressure of {abs(controls.pressure).max():g} Pa burst the cloth: lower it, raise the cloth's "
                 "stretch_stiffness, or give a larger refine"
