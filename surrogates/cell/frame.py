@@ -82,7 +82,12 @@ def contact(
     stop = torch.where(touching, (-speed).clamp_min(0), 0)
     sliding = relative - speed * n
     hold = (body.friction * stop / (_dot(sliding, sliding) + TINY).sqrt()).clamp_max(1)
-    return x1 + torch.where(touching, -gap, 0) * n - dt * hold * sliding, v + stop * n - hold * sliding
+    x1 = x1 + torch.where(touching, -gap, 0) * n - dt * hold * sliding
+    if body.kind == "capsule":
+        p = x1 - _nearest(end, x1)[1]
+        size = (_dot(p, p) + TINY).sqrt()
+        x1 = x1 + torch.where(size < radius, radius / size - 1, 0) * p
+    return x1, v + stop * n - hold * sliding
 
 
 def frame(
@@ -100,7 +105,8 @@ def frame(
     dt, held, shape = scene.frame_dt, list(scene.handles), x.shape
     h = dt / substeps
     drag, part, past, slow = sheets["drag"], kicks(substeps).tolist(), v, torch.zeros_like(x)
-    wind, pressure, index = tensor(controls.wind), tensor(controls.pressure), torch.tensor(held, device=x.device)
+    wind, pressure = tensor(controls.wind), tensor(controls.pressure)
+    index = torch.tensor(held, dtype=torch.int64, device=x.device)
     ends = [tensor(a.transpose(0, 2, 1)) for a in (controls.handle_positions, controls.handle_velocities)]
     now = [a.flatten(2)[..., held].transpose(1, 2) for a in (x, v)]
     starts: list[Tensor] = handle_starts(scene, *now, ends[0].transpose(1, 2))  # type: ignore[arg-type, assignment, call-arg]
@@ -110,6 +116,11 @@ def frame(
     rate = soft * (sheets["stretch_stiffness"] / sheets["areal_density"])[..., 0]
     bodies, *rest = (tensor(a) for part in (start, controls) for a in (part.colliders, part.collider_velocities))
     cubic = [bodies, *rest]
+
+    def pulled(x: Tensor, v: Tensor, path: Tensor, time: float) -> Tensor:  # as laws.drives.pull_handles
+        pull = time * rate * (path - x.flatten(2)[..., held])
+        return v.flatten(2).index_add(2, index, pull).reshape(shape)
+
     for k in range(substeps + 1):
         if k % hold == 0:
             later, trend = foresight(k, hold, substeps)
@@ -121,6 +132,8 @@ def frame(
         for extra in forces:
             force = force + extra(x, v)
         time = h * part[k]
+        if k == 0:
+            v = pulled(x, v, handles[0], -h / 2)
         lag = torch.where(drag > 0, -torch.expm1(-drag * time) / drag.clamp_min(TINY), time)
         v = torch.exp(-drag * time) * v + lag / cell.mass(sheets) * force
         end, step = (k + 1) / substeps, h
@@ -144,4 +157,4 @@ def frame(
                 for a, b, c in ((path, x, h * drawn), (speed, v, drawn))
             ]
             x, v = (a.flatten(2).index_copy(2, index, b).reshape(shape) for a, b in zip((x, v), driven, strict=True))
-    return x, v
+    return x, pulled(x, v, handles[2], h / 2)

@@ -136,12 +136,14 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
       slow.trend = T(k ? (later + 0.5) / since : 0);  // velocities are half a substep old, but at a frame's start
       slow_forces(s, f, slow);
     }
+    if (k == 0) handles.pull(f, width, 0, -h / 2);
     const std::vector<BodyLanes<T>>& now = bodies.to((k + (k < count ? 1 : 0.5)) / count);
     const Part part = k == count ? Part::kLast : now.empty() ? Part::kFree : Part::kBodies;
     kernels.step[simple][int(part)](s, f, k == count ? last : k ? full : half, now);
     handles.hold(f, full, width, std::min(k + 1, count) / double(count), k < count ? h : 0);
     for (std::size_t m = 0; k < count && m < folding; ++m) selves[m].step();
   }
+  handles.pull(f, width, 1, h / 2);
   bool finite = true;
   for (std::size_t m = 0; m < members.size(); ++m) {
     const Frame<T>& frame = frames[members[m]];

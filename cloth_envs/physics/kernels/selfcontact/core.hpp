@@ -29,7 +29,7 @@ class SelfContact {
   void add(const CellPair& cells, const std::uint8_t (&wait)[kParts + 1]);
   void remember();
   void look(bool edges, std::vector<int>& which);
-  bool resolve(int part, bool edges, int steps);
+  bool resolve(int part, bool edges, int steps, bool first);
 
   Sweep<T> sweep_;
   std::vector<std::array<std::uint8_t, kParts + 1>> first_;

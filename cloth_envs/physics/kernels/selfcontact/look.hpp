@@ -54,7 +54,8 @@ void look(const T* x, const T* v, int width, Close<T>* parts, const int* which, 
     const V<T> way = turned ? -inverse : inverse;
     const V3<T> up = way * d;
     const V<T> un = dot(u, up), closing = un < none ? -un : none, room = far - how.danger;
-    V<T> steps = (rate * room) / (closing + how.haste);
+    const V<T> u2 = dot(u, u) + tiny<T>;
+    V<T> steps = (rate * room) / (u2 * rsqrt(u2) + how.haste);
     steps = (turned | (steps < one)) ? one : (steps > most ? most : steps);
     const V<T> gap = far - how.reach;
     const auto act = turned | (gap < closing * (how.h * steps));

@@ -9,8 +9,8 @@
 namespace minicloth {
 namespace {
 
-constexpr double kPush = 0.3;  // of what is missing between two layers, how much is made up for at once,
-constexpr double kMost = 0.1;  // and at most, in layers
+constexpr double kRelax = 0.004;  // s, in which layers that are too near go apart,
+constexpr double kCreep = 0.2;    // m/s, at most: springs feel what is moved
 constexpr int kPasses = 4;     // over what is kept apart, while some of it is very near
 
 // Shares in their distance: 1 of a vertex, and those of the point of a triangle that is nearest to it (Ericson 2005,
@@ -70,7 +70,7 @@ void SelfContact<T>::look(bool edges, std::vector<int>& which) {
   bool deep = true;
   for (int pass = 0; pass < kPasses && deep; ++pass) {
     deep = false;
-    for (const auto& [part, steps] : acts_) deep |= resolve(part, edges, steps);
+    for (const auto& [part, steps] : acts_) deep |= resolve(part, edges, steps, pass == 0);
   }
 }
 
@@ -78,7 +78,7 @@ void SelfContact<T>::look(bool edges, std::vector<int>& which) {
 // a layer within the step does not; what is nearer already is moved apart, and what went through goes back at once.
 // Whether it was nearer than half a layer.
 template <class T>
-bool SelfContact<T>::resolve(int part, bool edges, int steps) {
+bool SelfContact<T>::resolve(int part, bool edges, int steps, bool first) {
   const int width = strips_->width;
   const std::array<int, 4>& place = parts_[part].at;
   Vec<T> x[4], v[4], d = {0, 0, 0}, u = {0, 0, 0};
@@ -93,17 +93,16 @@ bool SelfContact<T>::resolve(int part, bool edges, int steps) {
   const Vec<T> side = vec(parts_[part].side);
   const T far = std::sqrt(dot(d, d)), apart = dot(d, side) < 0 ? -far : far, gap = apart - layer_;
   const Vec<T> n = far > T(1e-6) ? d / apart : side;
-  const T un = dot(u, n), least = gap > 0 ? -gap / (h_ * T(steps)) : T(0), stop = std::max(least - un, T(0));
+  const T un = dot(u, n), time = h_ * T(steps), least = gap > 0 ? -gap / time : T(0), stop = std::max(least - un, T(0));
   if (!(give > 0) || !(stop > 0 || gap < 0)) return false;
-  const T back = std::min(h_ * stop, std::max(-gap, T(0))), rest = std::max(-gap - back, T(0));
-  const T push = apart < 0 ? far : back + std::min(T(kPush) * rest, T(kMost) * layer_);
+  const T more = apart < 0 ? far : first && gap < 0 ? time * std::min(-gap / T(kRelax), T(kCreep)) : T(0);
   const Vec<T> slide = u - un * n;
   const T sliding = std::sqrt(dot(slide, slide)),
           hold = sliding > 0 ? std::min(friction_ * stop / sliding, T(1)) : T(0);
   for (int q = 0; q < 4; ++q) {
     const T part_of = mobility_[place[q]] * share[q] / give;
-    const Vec<T> to = x[q] + (part_of * push) * n, w = v[q] + part_of * (stop * n - hold * slide),
-                 y = to + damping_ * w;
+    const Vec<T> kick = part_of * (stop * n - hold * slide), w = v[q] + kick;
+    const Vec<T> to = x[q] + h_ * kick + (part_of * more) * n, y = to + damping_ * w;
     T *const px = f_.x + place[q], *const pv = f_.v + place[q], *const py = f_.y + place[q];
     px[0] = to.x, px[width] = to.y, px[2 * width] = to.z;
     pv[0] = w.x, pv[width] = w.y, pv[2 * width] = w.z;
@@ -112,8 +111,8 @@ bool SelfContact<T>::resolve(int part, bool edges, int steps) {
   return gap < -layer_ / 2;
 }
 
-template bool SelfContact<float>::resolve(int, bool, int);
-template bool SelfContact<double>::resolve(int, bool, int);
+template bool SelfContact<float>::resolve(int, bool, int, bool);
+template bool SelfContact<double>::resolve(int, bool, int, bool);
 template void SelfContact<float>::look(bool, std::vector<int>&);
 template void SelfContact<double>::look(bool, std::vector<int>&);
 

@@ -69,8 +69,8 @@ __attribute__((always_inline)) inline Blown<T> air_force(const V3<T>& n, const V
   return {((drag - across) * turn) * n - drag * u + own * sum, T(4) * own};
 }
 
-// The same for a long step h: what the air takes of a speed is divided by 1 + h a, a the rate at which it takes it, so
-// that it never turns the flow round.
+// The same at the end of a long step h, for what u would be without the air's force, which then leaves r u of it along
+// the normal and in the plane: r |u| (1 + h c_l s) + h c_n (r |u|)^2 = |u|, the implicit step of a free cell.
 template <class T>
 __attribute__((always_inline)) inline Blown<T> slowed_air_force(const V3<T>& n, const V3<T>& sum, const V3<T>& wind,
                                                                 const AirTerms<T>& p) {
@@ -80,8 +80,11 @@ __attribute__((always_inline)) inline Blown<T> slowed_air_force(const V3<T>& n, 
   const V<T> speed = through < T(0) ? -through : through;
   const V3<T> slide = u - (through * inverse) * n;
   const V<T> slide2 = dot(slide, slide) + T(1e-30), sliding = slide2 * rsqrt(slide2);
-  const V<T> drag = p.tangential * (square * inverse) * sliding / (one + p.slow_tangential * sliding);
-  const V<T> across = (p.normal * speed + p.lift * sliding) / (one + p.slow_normal * speed + p.slow_lift * sliding);
+  const V<T> two = one + one, four = two + two, lifted = one + p.slow_lift * sliding;
+  const V<T> under = lifted * lifted + four * p.slow_normal * speed, along = one + four * p.slow_tangential * sliding;
+  const V<T> left = two / (lifted + under * rsqrt(under)), kept = two / (one + along * rsqrt(along));
+  const V<T> drag = p.tangential * (square * inverse) * sliding * kept * kept;
+  const V<T> across = (p.normal * speed * left + p.lift * sliding) * left;
   const V<T> own = T(kOwn) * (square * inverse) * across;
   return {own * sum - (across * through) * n - drag * slide, T(4) * own};
 }
