@@ -139,8 +139,9 @@ class SelfContact:
 
         An impulse ``j`` along the unit vector ``n`` between the nearest points changes the velocity of vertex ``q`` by
         ``w_q s_q j``, with its share ``s_q`` and mobility ``w_q``, so that of the points by ``sum w_q s_q^2 j``: until
-        they come no nearer than a layer within the step. Friction takes up to mu times that from the sliding velocity.
-        What is missing after the step is made up for by moving the vertices along ``n`` in the same shares.
+        they come no nearer than a layer within the step. Friction takes up to mu times that from the sliding velocity,
+        and from the way slid in the step. What is missing after the step is made up for by moving the vertices along
+        ``n`` in the same shares.
         """
         layer, mu = self.scene.layer, self.scene.self_contact.friction if self.scene.self_contact else 0.0
         share = nearest(x[pair][None])[0]
@@ -158,6 +159,6 @@ class SelfContact:
         sliding = np.linalg.norm(slide)
         hold = min(mu * stop / sliding, 1) if sliding > 0 else 0
         part = (self.loose[pair] * share / give)[:, None]
-        x[pair] += part * push * n
+        x[pair] += part * (push * n - self.h * hold * slide)
         v[pair] += part * (stop * n - hold * slide)
         return bool(gap < -layer / 2)

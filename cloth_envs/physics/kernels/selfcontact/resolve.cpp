@@ -74,9 +74,9 @@ void SelfContact<T>::look(bool edges, std::vector<int>& which) {
   }
 }
 
-// Coulomb's friction takes up to mu times the normal change of velocity from the sliding speed. What comes nearer than
-// a layer within the step does not; what is nearer already is moved apart, and what went through goes back at once.
-// Whether it was nearer than half a layer.
+// Coulomb's friction takes up to mu times the normal change of velocity from the sliding speed, and from the way slid
+// in this step. What comes nearer than a layer within the step does not; what is nearer already is moved apart, and
+// what went through goes back at once. Whether it was nearer than half a layer.
 template <class T>
 bool SelfContact<T>::resolve(int part, bool edges, int steps) {
   const int width = strips_->width;
@@ -102,7 +102,7 @@ bool SelfContact<T>::resolve(int part, bool edges, int steps) {
           hold = sliding > 0 ? std::min(friction_ * stop / sliding, T(1)) : T(0);
   for (int q = 0; q < 4; ++q) {
     const T part_of = mobility_[place[q]] * share[q] / give;
-    const Vec<T> to = x[q] + (part_of * push) * n, w = v[q] + part_of * (stop * n - hold * slide),
+    const Vec<T> to = x[q] + part_of * (push * n - h_ * hold * slide), w = v[q] + part_of * (stop * n - hold * slide),
                  y = to + damping_ * w;
     T *const px = f_.x + place[q], *const pv = f_.v + place[q], *const py = f_.y + place[q];
     px[0] = to.x, px[width] = to.y, px[2 * width] = to.z;
