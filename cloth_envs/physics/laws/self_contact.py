@@ -13,8 +13,8 @@ from cloth_envs.scene import Scene
 
 Nearest = Callable[[np.ndarray], np.ndarray]  # shares of (N, 4, 3)
 
-PUSH = 0.3  # of what is missing between two layers, how much is made up for at once,
-MOST = 0.1  # and at most, in layers
+RELAX = 0.004  # s, in which layers that are too near go apart,
+CREEP = 0.2  # m/s, at most
 PASSES = 4  # over all pairs, while one is nearer than half a layer
 
 
@@ -127,20 +127,23 @@ class SelfContact:
             closing = np.maximum(-_dot(u, self.sides[kind]), 0)
             due = np.flatnonzero((way < 0) | (far - self.scene.layer < self.h * closing))
             deep = True
-            for _ in range(PASSES):
+            for number in range(PASSES):
                 if deep:
-                    near = [self._resolve(x, v, pairs[i], nearest, self.sides[kind][i]) for i in due]
+                    near = [self._resolve(x, v, pairs[i], nearest, self.sides[kind][i], number) for i in due]
                     deep = any(near)
             found.append(pairs[due])
         return found
 
-    def _resolve(self, x: np.ndarray, v: np.ndarray, pair: np.ndarray, nearest: Nearest, side: np.ndarray) -> bool:
-        """Keep one pair apart; whether it was nearer than half a layer, or had gone through.
+    def _resolve(
+        self, x: np.ndarray, v: np.ndarray, pair: np.ndarray, nearest: Nearest, side: np.ndarray, number: int
+    ) -> bool:
+        """Keep one pair apart, for the ``number``-th time in this step; whether it was nearer than half a layer.
 
         An impulse ``j`` along the unit vector ``n`` between the nearest points changes the velocity of vertex ``q`` by
         ``w_q s_q j``, with its share ``s_q`` and mobility ``w_q``, so that of the points by ``sum w_q s_q^2 j``: until
         they come no nearer than a layer within the step. Friction takes up to mu times that from the sliding velocity.
-        What is missing after the step is made up for by moving the vertices along ``n`` in the same shares.
+        Vertices lie where these velocities would have taken them. What is missing then is made up for by moving them
+        along ``n`` in the same shares, slowly, or at once if the pair had gone through.
         """
         layer, mu = self.scene.layer, self.scene.self_contact.friction if self.scene.self_contact else 0.0
         share = nearest(x[pair][None])[0]
@@ -152,12 +155,12 @@ class SelfContact:
         stop = max((-gap / self.h if gap > 0 else 0) - speed, 0)
         if give == 0 or (stop == 0 and gap >= 0):
             return False
-        back = min(self.h * stop, max(-gap, 0))
-        push = far if apart < 0 else back + min(PUSH * (max(-gap, 0) - back), MOST * layer)
+        slow = self.h * min(-gap / RELAX, CREEP) if number == 0 and gap < 0 else 0
         slide = u - speed * n
         sliding = np.linalg.norm(slide)
         hold = min(mu * stop / sliding, 1) if sliding > 0 else 0
         part = (self.loose[pair] * share / give)[:, None]
-        x[pair] += part * push * n
-        v[pair] += part * (stop * n - hold * slide)
+        kick = part * (stop * n - hold * slide)
+        x[pair] += self.h * kick + part * (far if apart < 0 else slow) * n
+        v[pair] += kick
         return bool(gap < -layer / 2)

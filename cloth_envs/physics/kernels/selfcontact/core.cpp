@@ -6,11 +6,11 @@
 namespace minicloth {
 namespace {
 
-constexpr double kWindow = 0.012;     // s, for how long ways are followed
-constexpr double kWatch = 0.8;        // cells, up to which distance blocks are watched that are not close
-constexpr int kSoon = 8, kLate = 16;  // steps from a search to a check, between two checks at most
+constexpr double kWindow = 0.012;                   // s, for how long ways are followed
+constexpr double kWatch = 0.8;                      // cells, up to which distance blocks are watched that are not close
+constexpr int kSoon = 8, kLate = 16;                // steps from a search to a check, between two checks at most
 constexpr double kCalm = 1, kStart = 5, kWild = 5;  // m/s, what speeds may change by until parts are looked at again
-constexpr int kEnd[3] = {1, 2, 3};                    // corners where edges of a cell end: right, below, diagonal
+constexpr int kEnd[3] = {1, 2, 3};                  // corners where edges of a cell end: right, below, diagonal
 
 template <class T>
 bool sooner(const Close<T>& a, const Close<T>& b) {

@@ -62,7 +62,8 @@ struct Sweep {
   std::vector<CellPair> cells;
 
   void shape(int rows, int cols, bool periodic);
-  // Rows r0 to r1 - 1, columns c0 to c1 - 1 of a block's cells that have triangles; where it has none, the nearest ones.
+  // Rows r0 to r1 - 1, columns c0 to c1 - 1 of a block's cells that have triangles; where it has none, the nearest
+  // ones.
   struct Range {
     int r0, r1, c0, c1;
   };

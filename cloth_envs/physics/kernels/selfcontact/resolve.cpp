@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kRelax = 0.004;  // s, in which layers that are too near go apart,
 constexpr double kCreep = 0.2;    // m/s, at most: springs feel what is moved
-constexpr int kPasses = 4;     // over what is kept apart, while some of it is very near
+constexpr int kPasses = 4;        // over what is kept apart, while some of it is very near
 
 // Shares in their distance: 1 of a vertex, and those of the point of a triangle that is nearest to it (Ericson 2005,
 // section 5.1.5).

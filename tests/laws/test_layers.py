@@ -118,6 +118,16 @@ def test_layers_lie_a_layer_apart(layers: int, spacing: float) -> None:
         assert crossing_triangles(scene.grid, now.positions)[0] == 0
 
 
+def test_a_layer_at_rest_hardly_creeps() -> None:
+    """On a layer that is held; the turn pulls at it. 0.4 mm/s: pairs at rest are looked at every few steps only."""
+    scene, state, cells = piled(0.02, 2)
+    held = tuple(np.arange(scene.grid.vertices).reshape(scene.grid.shape)[:, : cells - 2].ravel().tolist())
+    states, _ = run(replace(scene, handles=held), state, frames=150)
+    early, late = (now.positions[0][:, :, cells:].mean((1, 2)) for now in (states[100], states[-1]))
+    assert np.linalg.norm(late - early) < 0.25 * LAYER  # in a second
+    assert late[2] == pytest.approx(2 * LAYER, rel=0.05)
+
+
 @pytest.mark.parametrize("friction", [0.3, 0.6])
 def test_a_layer_that_slides_on_another_is_stopped_by_mu_g(friction: float) -> None:
     """Cloth without any forces of its own, so that the fold does not pull; the lower layer sticks to the floor."""
