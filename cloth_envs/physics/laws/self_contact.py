@@ -13,8 +13,8 @@ from cloth_envs.scene import Scene
 
 Nearest = Callable[[np.ndarray], np.ndarray]  # shares of (N, 4, 3)
 
-RELAX = 0.004  # s, in which layers that are too near go apart,
-CREEP = 0.2  # m/s, at most
+RELAX = 0.001  # s, in which layers that are too near go apart,
+CREEP = 1.0  # m/s, at most, over how many pairs a vertex is in
 PASSES = 4  # over all pairs, while one is nearer than half a layer
 
 
@@ -126,24 +126,29 @@ class SelfContact:
             self.sides[kind] = d * (way / np.where(far > 0, far, 1))[:, None]
             closing = np.maximum(-_dot(u, self.sides[kind]), 0)
             due = np.flatnonzero((way < 0) | (far - self.scene.layer < self.h * closing))
+            crowd = np.bincount(pairs[due].ravel(), minlength=len(x))
             deep = True
             for number in range(PASSES):
                 if deep:
-                    near = [self._resolve(x, v, pairs[i], nearest, self.sides[kind][i], number) for i in due]
+                    slow = [self.h / crowd[pairs[i]].max() if number == 0 else 0.0 for i in due]
+                    near = [
+                        self._resolve(x, v, pairs[i], nearest, self.sides[kind][i], t)
+                        for i, t in zip(due, slow, strict=True)
+                    ]
                     deep = any(near)
             found.append(pairs[due])
         return found
 
     def _resolve(
-        self, x: np.ndarray, v: np.ndarray, pair: np.ndarray, nearest: Nearest, side: np.ndarray, number: int
+        self, x: np.ndarray, v: np.ndarray, pair: np.ndarray, nearest: Nearest, side: np.ndarray, time: float
     ) -> bool:
-        """Keep one pair apart, for the ``number``-th time in this step; whether it was nearer than half a layer.
+        """Keep one pair apart; whether it was nearer than half a layer.
 
         An impulse ``j`` along the unit vector ``n`` between the nearest points changes the velocity of vertex ``q`` by
         ``w_q s_q j``, with its share ``s_q`` and mobility ``w_q``, so that of the points by ``sum w_q s_q^2 j``: until
         they come no nearer than a layer within the step. Friction takes up to mu times that from the sliding velocity.
         Vertices lie where these velocities would have taken them. What is missing then is made up for by moving them
-        along ``n`` in the same shares, slowly, or at once if the pair had gone through.
+        along ``n`` in the same shares, for a ``time`` [s] slowly, or at once if the pair had gone through.
         """
         layer, mu = self.scene.layer, self.scene.self_contact.friction if self.scene.self_contact else 0.0
         share = nearest(x[pair][None])[0]
@@ -155,7 +160,7 @@ class SelfContact:
         stop = max((-gap / self.h if gap > 0 else 0) - speed, 0)
         if give == 0 or (stop == 0 and gap >= 0):
             return False
-        slow = self.h * min(-gap / RELAX, CREEP) if number == 0 and gap < 0 else 0
+        slow = time * min(max(-gap, 0) / RELAX, CREEP)
         slide = u - speed * n
         sliding = np.linalg.norm(slide)
         hold = min(mu * stop / sliding, 1) if sliding > 0 else 0

@@ -38,7 +38,8 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
     corner_[q].resize(s.places.size());
     for (std::size_t i = 0; i < s.places.size(); ++i) corner_[q][i] = s.places[sweep_.corner[q][i]] + member;
   }
-  known_.assign(s.field, 0), before_.clear(), touched_.clear(), parts_.clear(), sweep_.pairs.clear();
+  crowd_.assign(s.field, 0), known_.assign(s.field, 0), before_.clear(), touched_.clear(), parts_.clear(),
+      sweep_.pairs.clear();
   search();
 }
 

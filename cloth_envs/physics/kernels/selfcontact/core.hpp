@@ -46,8 +46,9 @@ class SelfContact {
   int member_ = 0, now_ = 0, since_ = 0, check_ = 0, window_ = 0;  // steps since a search, when to check, to search
   T layer_ = 0, friction_ = 0, h_ = 0, damping_ = 0, haste_ = 0;
   double cell_area_ = 1;
-  std::vector<T> mobility_;     // of elements: 1 / area over that of an inner vertex, 0 where firmly held
-  std::vector<int> corner_[4];  // of every cell: elements of its corners
+  std::vector<std::uint8_t> crowd_;  // of elements: in how many pairs that are kept apart now
+  std::vector<T> mobility_;          // of elements: 1 / area over that of an inner vertex, 0 where firmly held
+  std::vector<int> corner_[4];       // of every cell: elements of its corners
 };
 
 }  // namespace minicloth

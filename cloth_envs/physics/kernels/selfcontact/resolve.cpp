@@ -9,8 +9,8 @@
 namespace minicloth {
 namespace {
 
-constexpr double kRelax = 0.004;  // s, in which layers that are too near go apart,
-constexpr double kCreep = 0.2;    // m/s, at most: springs feel what is moved
+constexpr double kRelax = 0.001;  // s, in which layers that are too near go apart,
+constexpr double kCreep = 1;      // m/s, at most, over how many pairs a vertex is in: springs feel what is moved
 constexpr int kPasses = 4;        // over what is kept apart, while some of it is very near
 
 // Shares in their distance: 1 of a vertex, and those of the point of a triangle that is nearest to it (Ericson 2005,
@@ -67,15 +67,22 @@ void SelfContact<T>::look(bool edges, std::vector<int>& which) {
   }
   which.clear();
   std::sort(acts_.begin(), acts_.end());
+  const auto each = [&](const auto& use) {
+    for (const auto& act : acts_)
+      for (const int element : parts_[act.first].at) use(crowd_[element]);
+  };
+  each([](std::uint8_t& n) { n += n < 255; });
   bool deep = true;
   for (int pass = 0; pass < kPasses && deep; ++pass) {
     deep = false;
     for (const auto& [part, steps] : acts_) deep |= resolve(part, edges, steps, pass == 0);
   }
+  each([](std::uint8_t& n) { n = 0; });
 }
 
 // Coulomb's friction takes up to mu times the normal change of velocity from the sliding speed. What comes nearer than
-// a layer within the step does not; what is nearer already is moved apart, and what went through goes back at once.
+// a layer within the step does not: vertices lie where their new velocities would have taken them. What is nearer
+// already is moved apart, and what went through goes back at once.
 // Whether it was nearer than half a layer.
 template <class T>
 bool SelfContact<T>::resolve(int part, bool edges, int steps, bool first) {
@@ -95,7 +102,10 @@ bool SelfContact<T>::resolve(int part, bool edges, int steps, bool first) {
   const Vec<T> n = far > T(1e-6) ? d / apart : side;
   const T un = dot(u, n), time = h_ * T(steps), least = gap > 0 ? -gap / time : T(0), stop = std::max(least - un, T(0));
   if (!(give > 0) || !(stop > 0 || gap < 0)) return false;
-  const T more = apart < 0 ? far : first && gap < 0 ? time * std::min(-gap / T(kRelax), T(kCreep)) : T(0);
+  int crowd = 1;
+  for (const int element : place) crowd = std::max<int>(crowd, crowd_[element]);
+  const T slow = first && gap < 0 ? time * std::min(-gap / T(kRelax), T(kCreep)) / T(crowd) : T(0);
+  const T more = apart < 0 ? far : slow;
   const Vec<T> slide = u - un * n;
   const T sliding = std::sqrt(dot(slide, slide)),
           hold = sliding > 0 ? std::min(friction_ * stop / sliding, T(1)) : T(0);
