@@ -87,3 +87,14 @@ def test_states_say_which_they_are_of(tmp_path) -> None:
             env.step(env.action_space.sample())
         with Rollout.open(path) as record:
             assert record.scene.self_contact == (SelfContact() if on else None)
+
+
+@pytest.mark.parametrize(("scene", "speed"), [("Flag", 50.0), ("Hanging", 1000.0), ("BallDrop", 100.0)])
+def test_cloth_that_blows_up_ends_by_failure_or_goes_on(scene: str, speed: float) -> None:
+    for on in (False, True):
+        env = gym.make(f"MiniCloth-{scene}-v0", resolution=(17, 25), self_contact=on).unwrapped
+        env.reset(seed=1)
+        wild = np.random.default_rng(1).normal(0, speed, env.positions.shape).astype(np.float32)
+        env.set_positions(env.positions, wild)  # type: ignore[attr-defined]
+        info = env.step(np.zeros(env.action_space.shape, np.float32))[4]  # type: ignore[arg-type]
+        assert info.get("failure") is not None or np.isfinite(env.positions).all()

@@ -14,6 +14,7 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
 MAX_SUBSTEPS = 20_000  # per frame
+BREEZE = 5.0  # Pa, which bursts no cloth: what is not finite then has another cause
 SOUND = 340.0  # m/s, to which the law of the air reaches at most
 
 
@@ -136,7 +137,8 @@ class ExplicitSolver(Solver):
         if speeds:
             self.last_cuts = self._cuts(old, controls, speeds)
             self._kernel.advance(*given, self.last_cuts, np.inf, self.threads)
-        if self.scene.pressure and not np.isfinite(new.positions.sum()) and controls.pressure.any():
+        blown = self.scene.pressure and abs(controls.pressure).max() > BREEZE
+        if blown and not np.isfinite(new.positions.sum()):
             raise ValueError(
                 f"a pressure of {abs(controls.pressure).max():g} Pa burst the cloth: lower it, raise the cloth's "
                 "stretch_stiffness, or give a larger refine"

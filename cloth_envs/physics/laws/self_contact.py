@@ -121,8 +121,8 @@ class SelfContact:
         for kind, (pairs, nearest) in enumerate(self.kinds):
             share = nearest(x[pairs])
             d, u = (np.einsum("nq,nqi->ni", share, field[pairs]) for field in (x, v))
-            way = np.where(_dot(d, self.sides[kind]) < 0, -1, 1)
             far = np.linalg.norm(d, axis=1)
+            way = np.where((_dot(d, self.sides[kind]) < 0) & (far < 2 * self.scene.layer), -1, 1)
             self.sides[kind] = d * (way / np.where(far > 0, far, 1))[:, None]
             closing = np.maximum(-_dot(u, self.sides[kind]), 0)
             due = np.flatnonzero((way < 0) | (far - self.scene.layer < self.h * closing))
@@ -166,6 +166,6 @@ class SelfContact:
         hold = min(mu * stop / sliding, 1) if sliding > 0 else 0
         part = (self.loose[pair] * share / give)[:, None]
         kick = part * (stop * n - hold * slide)
-        x[pair] += self.h * kick + part * (far if apart < 0 else slow) * n
+        x[pair] += self.h * kick + part * (min(far, layer) if apart < 0 else slow) * n
         v[pair] += kick
         return bool(gap < -layer / 2)

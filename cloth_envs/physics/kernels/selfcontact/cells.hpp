@@ -67,19 +67,24 @@ struct Around {
   }
 };
 
+constexpr int kCrowded = 64;  // cells that one may be close to, on average
+
 template <class T>
 void cells(Sweep<T>& s, T reach) {
   constexpr int n = kLanes<T>;
   static const Around around;
   std::fill(s.filled.begin(), s.filled.end(), 0);
   s.cells.clear();
+  const std::size_t most = std::size_t(kCrowded) * s.rows * s.cols;
   for (const int number : s.close) {
+    if (s.cells.size() > most) return s.cells.clear();  // it blew up
     const int a = s.pairs[number].a, b = s.pairs[number].b;
     const T *const first = slots(s, a), *const second = slots(s, b);
     unsigned some = 0, those = 0;
     for (int k = 0; k < kCells; k += n) some |= meet(s.box.data() + b, s.blocks, reach, first + k, kCells) << k;
     for (int k = 0; some && k < kCells; k += n)
       those |= meet(s.box.data() + a, s.blocks, reach, second + k, kCells) << k;
+    some &= s.exists[a], those &= s.exists[b];
     if (!those) continue;
     const int dr = (s.row[s.at[b]] - s.row[s.at[a]]) / kSide, dc = (s.col[s.at[b]] - s.col[s.at[a]]) / kSide;
     const std::uint16_t* const beside_it =

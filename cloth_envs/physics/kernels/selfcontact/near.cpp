@@ -27,12 +27,14 @@ void Sweep<T>::shape(int rows_, int cols_, bool periodic_) {
     corner[0].push_back(i), corner[1].push_back(i + right);
     corner[2].push_back(i + down), corner[3].push_back(i + right + down);
   }
-  at.assign(blocks, -1), point.assign(std::size_t(kWide) * blocks, 0);
+  at.assign(blocks, -1), point.assign(std::size_t(kWide) * blocks, 0), exists.assign(blocks, 0);
   for (int b = 0; b < blocks; ++b) {
     const int g = b / kCells, i = b % kCells;
     const int r0 = (g / group_cols * kSide + i / kSide) * kSide, c0 = (g % group_cols * kSide + i % kSide) * kSide;
     if (r0 >= rows || c0 >= cols) continue;
     at[b] = r0 * cols + c0;
+    for (int k = 0; k < kCells; ++k)
+      if (r0 + k / kSide < rows && c0 + k % kSide < cols) exists[b] |= std::uint16_t(1 << k);
     for (int k = 0; k < kWide; ++k) {
       const int j = std::min(k, kPoints - 1), r = std::min(r0 + j / (kSide + 1), rows - 1), c = c0 + j % (kSide + 1);
       point[kWide * b + k] = r * cols + (periodic ? std::min(c, cols) % cols : std::min(c, cols - 1));

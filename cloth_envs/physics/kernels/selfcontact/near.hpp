@@ -42,6 +42,7 @@ struct Sweep {
   std::size_t plane;                   // numbers in a plane of vertices or cells, some to spare behind
   std::vector<int> at;                 // of every block its first cell, -1 where the sheet has none
   std::vector<int> point;              // kWide vertices of every block
+  std::vector<std::uint16_t> exists;   // of every block: bit i if the sheet has its cell i
   std::vector<int> corner[4];          // vertices of every cell: upper left, upper right, lower left, lower right
   std::vector<std::int16_t> row, col;  // of every cell
 

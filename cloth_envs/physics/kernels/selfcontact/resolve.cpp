@@ -105,7 +105,7 @@ bool SelfContact<T>::resolve(int part, bool edges, int steps, bool first) {
   int crowd = 1;
   for (const int element : place) crowd = std::max<int>(crowd, crowd_[element]);
   const T slow = first && gap < 0 ? time * std::min(-gap / T(kRelax), T(kCreep)) / T(crowd) : T(0);
-  const T more = apart < 0 ? far : slow;
+  const T more = apart < 0 ? std::min(far, layer_) : slow;
   const Vec<T> slide = u - un * n;
   const T sliding = std::sqrt(dot(slide, slide)),
           hold = sliding > 0 ? std::min(friction_ * stop / sliding, T(1)) : T(0);
