@@ -7,7 +7,7 @@ from gymnasium.envs.registration import register
 
 from cloth_envs.material import FABRICS, Material
 from cloth_envs.registry import BACKENDS, EPISODE_FRAMES, SCENES, env_id, register_backend
-from cloth_envs.scene import Air, Collider, Scene
+from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.state import Controls, State
 from cloth_envs.version import __version__
 
@@ -20,6 +20,7 @@ __all__ = [
     "Controls",
     "Material",
     "Scene",
+    "SelfContact",
     "State",
     "__version__",
     "env_id",

@@ -18,7 +18,8 @@ class Backend(Protocol):
 
     It owns its state: callers read ``state`` and copy what they keep; only ``time`` they may set. One that can't step
     every material has a method ``check_material(material)`` too, which raises ValueError and says what to change:
-    environments ask it before anything is simulated.
+    environments ask it before anything is simulated. One that models ``Scene.self_contact`` has a true
+    ``self_contact``; of any other the environment's scene lists none.
     """
 
     scene: Scene

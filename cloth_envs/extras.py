@@ -20,7 +20,6 @@ EXTRAS = {
     "cholespy": "implicit",
     "imageio": "render",
     "imageio_ffmpeg": "render",
-    "ipctk": "metrics",
     "matplotlib": "render",
     "moviepy": "render",
     "mujoco": "peers",

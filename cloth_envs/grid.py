@@ -116,7 +116,7 @@ class Grid:
     def facets(self) -> np.ndarray:
         """The triangles of both diagonals, ``(4 * cells, 3)``: those of ``triangles`` and as many cut the other way.
 
-        Each stands for half its area; forces on them are even-handed, so a mirrored cloth moves mirrored.
+        Each stands for half its area; pressure on them is even-handed, so a mirrored cloth moves mirrored.
         """
         lower, upper = self.triangles[0::2], self.triangles[1::2]
         upper_left, lower_left, lower_right = lower.T

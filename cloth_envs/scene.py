@@ -12,11 +12,12 @@ from cloth_envs.material import Material
 from cloth_envs.particles import Particles
 
 GRAVITY = 9.81  # m/s^2
+LAYERS = 4  # of a folded cloth, at least, in the height of one cell
 
 
 @dataclass(frozen=True)
 class Air:
-    """The air around the cloth, still or blowing, on triangles that move through it with ``u`` at an angle ``a``.
+    """The air around the cloth, still or blowing, on cells that move through it with ``u`` at an angle ``a``.
 
     The pressure along the normal is ``rho/2 |u|^2 (normal sin^2 a + lift sin a cos a)``, the drag of a plate across the
     flow and its lift (Polhamus 1966, as Wejchert & Haumann 1991 without the lift); the friction along the surface
@@ -37,6 +38,19 @@ class Air:
     def __str__(self) -> str:
         coefficients = f"normal {self.normal:g}, lift {self.lift:g}, tangential {self.tangential:g}"
         return f"density {self.density:g} kg/m^3, {coefficients}"
+
+
+@dataclass(frozen=True)
+class SelfContact:
+    """The contact of the cloth with itself: two of its layers can't pass through each other.
+
+    Attributes:
+        thickness: distance [m] at which layers lie on each other; less on a fine grid, see ``Scene.layer``.
+        friction: the coefficient mu between layers (Coulomb).
+    """
+
+    thickness: float = 0.004
+    friction: float = 0.3
 
 
 @dataclass(frozen=True)
@@ -69,6 +83,7 @@ class Scene:
         pressure: a pressure difference [Pa] acts on triangles.
         colliders: bodies, in the order of ``State.colliders``.
         thickness: distance [m] that contact keeps between a body and the cloth's vertices.
+        self_contact: how the cloth keeps out of itself, or None where its folds can pass through each other.
         particles: the cloth is this net of particles instead of a sheet; ``material`` is then only its nearest
             sheet, ``pressure`` the ``p`` of ``p sum r_a x r_b`` [Pa] over four pairs of neighbours, and contact
             has no thickness.
@@ -86,9 +101,32 @@ class Scene:
     thickness: float = 0.005
     gravity: float = GRAVITY
     particles: Particles | None = None
+    self_contact: SelfContact | None = None
 
     def with_material(self, material: Material) -> "Scene":
         return replace(self, material=material)
+
+    def with_self_contact(self, wanted: bool | None) -> "Scene":
+        """With contact of the cloth with itself, as listed or the usual one, or without; None: as listed.
+
+        Raises:
+            ValueError: a net of particles, which has none.
+        """
+        if wanted is None or wanted is (self.self_contact is not None):
+            return self
+        if wanted and self.particles is not None:
+            raise ValueError(
+                f"self_contact=True: this preset of {self.name} is a net of particles, which has none: "
+                "leave self_contact or preset out"
+            )
+        return replace(self, self_contact=SelfContact() if wanted else None)
+
+    @property
+    def layer(self) -> float:
+        """Distance [m] at which layers of the cloth lie on each other; 0 where nothing keeps them apart."""
+        if self.self_contact is None:
+            return 0.0
+        return min(self.self_contact.thickness, min(self.grid.row_spacing, self.grid.col_spacing) / LAYERS)
 
     @cached_property
     def holding(self) -> Holding:
@@ -133,6 +171,8 @@ class Scene:
         m, g, net = self.material, self.grid, self.particles
         twist = "twist of an isotropic plate" + ("" if m.twist in (0, 1) else f" times {m.twist:g}")
         contact = "friction {0.friction:g}" if net is None else f"velocity inside times {net.keep:g} a step"
+        own = self.self_contact
+        layers = "" if own is None else f", layers {1e3 * self.layer:.2g} mm apart, friction {own.friction:g}"
         terms = {
             "gravity": self.gravity > 0,
             "stretch and shear springs": True,
@@ -142,12 +182,12 @@ class Scene:
             "quadratic bending": m.bend_stiffness > 0,
             twist: m.bend_stiffness > 0 and m.twist > 0,
             "drag in proportion to the velocity": m.drag > 0,
-            "air on triangles" + (f" ({self.air})" if self.air else ""): self.air is not None,
+            "air on cells" + (f" ({self.air})" if self.air else ""): self.air is not None,
             "wind": self.windy,
             "pressure" if net is None else "pressure p, four corners a vertex": self.pressure,
             **{f"contact with a {c.kind} ({c.name}), {contact.format(c)}": True for c in self.colliders},
             "contact with bodies": bool(self.colliders),
-            "self-contact": False,
+            f"self-contact{layers}": self.self_contact is not None,
             "plasticity, tearing, the air's own flow and mass": False,
         }
         if self.colliders:

@@ -155,7 +155,7 @@ def check_scene(found: Any, wanted: str) -> None:
         raise ValueError(f"this state's scene can't be read ({error}): pass what get_state() gave") from error
     if other:
         raise ValueError(
-            f"this state is of another scene, preset or resolution ({'; '.join(other[:2])}): "
+            f"this state is of another scene, preset, resolution or self_contact ({'; '.join(other[:2])}): "
             "set it in an environment made with the same arguments"
         )
 

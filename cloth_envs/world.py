@@ -2,13 +2,14 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
-from cloth_envs.arguments import as_plain, read_actions
+from cloth_envs.arguments import as_plain, read_actions, true_or_false
 from cloth_envs.failure import Failures
 from cloth_envs.grid import check_resolution
 from cloth_envs.material import Material, as_material, check_ranges, warn_unusual
@@ -18,6 +19,7 @@ from cloth_envs.physics.solver import solvers_of
 from cloth_envs.places import check_backend_kwargs
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import BACKENDS, load_task, make_backend, register_backend
+from cloth_envs.scene import Scene
 from cloth_envs.scenes.drives import clip_actions, tick
 from cloth_envs.scenes.task import Episode, Start, Task
 from cloth_envs.snapshot import Snapshot, check_array
@@ -30,6 +32,7 @@ class World:
     ``scene`` is a name, or a task's class, which is taken as it is: of ``preset`` only the solver counts then.
 
     Attributes:
+        scene: what is modelled: as the task lists it, without self-contact where the backend has none.
         observer: what an agent observes.
         controls: what the last ``step`` gave to the backend; None before the first.
         rewards: what it returned, ``(B,)``.
@@ -37,7 +40,8 @@ class World:
 
     Raises:
         ValueError: unknown scene, preset, backend, fabric, property or observation (the nearest match is
-            named), or a resolution, material or range that makes no sense or that the preset fixes.
+            named), a resolution, material or range that makes no sense or that the preset fixes, or self-contact
+            that is asked for of a physics without it.
     """
 
     def __init__(
@@ -52,10 +56,12 @@ class World:
         randomize: Mapping[str, Sequence[float]] | None = None,
         resolution: Sequence[int] | None = None,
         preset: str | Mapping[str, Any] | None = None,
+        self_contact: bool | None = None,
     ) -> None:
         self._arguments: dict[str, Any] = {
             "scene": scene, "num_envs": num_envs, "backend": backend, "backend_kwargs": backend_kwargs, "obs": obs,
             "material": material, "randomize": randomize, "resolution": resolution, "preset": preset,
+            "self_contact": self_contact,
         }  # fmt: skip
         self.ranges = check_ranges(randomize)
         if not isinstance(scene, str):
@@ -68,13 +74,15 @@ class World:
                 raise ValueError(f"preset={preset!r} fixes the {name}: leave {name}= out")
         base = as_material(material, task_class.material)
         shape = check_resolution(resolution, task_class.resolution)
-        self.task: Task = task_class(task_class.make_scene(resolution=shape, material=base))
-        self.scene = self.task.scene
+        wanted = None if self_contact is None else true_or_false("self_contact", self_contact)
+        self._listed = task_class.make_scene(resolution=shape, material=base).with_self_contact(wanted)
         chosen = as_plain({} if backend_kwargs is None else backend_kwargs)
         if backend == "reference" and isinstance(chosen, Mapping) and "solver" not in chosen:
             chosen = {**solver_of(preset), **chosen}
-        check_backend_kwargs(backend, chosen, solvers=solvers_of(self.scene), beside=self._arguments)
-        self.backend = make_backend(backend, self.scene, num_envs=num_envs, backend_kwargs=chosen)
+        check_backend_kwargs(backend, chosen, solvers=solvers_of(self._listed), beside=self._arguments)
+        self.backend = make_backend(backend, self._listed, num_envs=num_envs, backend_kwargs=chosen)
+        self.scene = self._modelled(wanted)
+        self.task: Task = task_class(self.scene)
         self._check_ranges()
         warn_unusual(material, self.ranges)
         own = {name: value for name, value in chosen.items() if name != "threads"}
@@ -94,6 +102,17 @@ class World:
 
     def __repr__(self) -> str:
         return f"<World {self.title}, {counted(self.num_envs, 'environment')}, {self.progress}>"
+
+    def _modelled(self, wanted: bool | None) -> Scene:
+        """What the backend models of the scene. Raises ValueError: self-contact is ``wanted``, and it has none."""
+        if self._listed.self_contact is None or getattr(self.backend, "self_contact", False):
+            return self._listed
+        if wanted:
+            raise ValueError(
+                f"self_contact=True: {type(self.backend).__name__} has no contact of the cloth with itself: leave "
+                "self_contact out, or use solver='explicit'"
+            )
+        return replace(self._listed, self_contact=None)
 
     @property
     def started(self) -> bool:
@@ -216,7 +235,7 @@ class World:
 
     def _now(self) -> Snapshot:
         memory, own = self.episode.memory, self.backend.memory
-        where = self.scene, type(self.task), self._physics
+        where = self._listed, type(self.task), self._physics
         return Snapshot(*where, self.state, memory, own, self.frames, self.materials, self.rngs)
 
     def get_state(self) -> dict[str, np.ndarray]:
@@ -231,7 +250,8 @@ class World:
 
         Raises:
             ValueError: something is missing, not finite or of another shape, the state belongs to another scene,
-                preset, resolution or number of environments, or its material can't be stepped; nothing has changed.
+                preset, resolution, self_contact or number of environments, or its material can't be stepped; nothing
+                has changed.
         """
         started = self.started
         if not started:  # what a state must hold is told by one

@@ -49,7 +49,7 @@ def test_somebody_elses_training_is_not_taken_for_ours(
 def test_install_lines_work_where_they_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
     assert extras.install("render") == f'pip install -e ".[render]" in {Path(__file__).parents[1]}'
     monkeypatch.setattr(extras, "in_checkout", lambda: False)
-    assert extras.install("metrics") == 'pip install "minicloth[metrics]"'
+    assert extras.install("usd") == 'pip install "minicloth[usd]"'
 
 
 def test_the_implicit_solver_says_what_it_needs(monkeypatch: pytest.MonkeyPatch) -> None:

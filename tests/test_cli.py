@@ -94,7 +94,9 @@ def test_compare_writes_video_table_and_chart(capsys: pytest.CaptureFixture[str]
         assert float(row["ms_q1"]) <= float(row["ms_median"]) <= float(row["ms_q3"])
         assert float(row["error_5_frames_percent"]) > 0
         assert not row["failure"]
+        assert 0 <= float(row["crossing_pairs_mean"]) <= float(row["crossing_pairs_max"])
     assert "chaotic" in text
+    assert "| crossing pairs (max) |" in text
     assert imageio.imread(stem.with_suffix(".png")).shape[1] > 1000
     assert ElementTree.parse(stem.with_suffix(".svg")).getroot().tag.endswith("svg")
 

@@ -29,7 +29,7 @@ def test_on_a_sheet_the_cnn_has_the_errors_of_the_reference() -> None:
 def test_markers_at_the_same_place_are_both_seen(tmp_path: Path) -> None:
     errors = np.linspace(0.01, 0.02, 4)[:, None]
     entries = [Entry(backend, GRID) for backend in ("reference", "cnn")]
-    results = [Result(entry, errors, errors, [], 0.0, None, [1e-3]) for entry in entries]
+    results = [Result(entry, errors, errors, [], 0.0, np.zeros(1, int), None, [1e-3]) for entry in entries]
     scene = entries[0].world("Flag", None).scene
     path = tmp_path / "chart.png"
     chart.draw(Comparison(scene, entries[0], results, [1], [0, 1, 2, 3]), [path], horizon=1, setup="two alike")

@@ -238,7 +238,7 @@ def test_bad_actions_and_positions_leave_the_state_alone() -> None:
         env.step(np.zeros(3, np.float32))
     with pytest.raises(ValueError, match="shape"):
         env.set_positions(np.zeros((3, 2, 2)))
-    with pytest.raises(ValueError, match="another scene, preset or resolution"):
+    with pytest.raises(ValueError, match="another scene, preset, resolution or self_contact"):
         make("Flag", resolution=(9, 9)).unwrapped.set_state(before)
     assert all(np.array_equal(before[name], value) for name, value in env.get_state().items())
 
@@ -252,7 +252,7 @@ def test_every_fabric_and_a_description(scene: str) -> None:
     text = env.unwrapped.scene.describe()
     modelled, missing = text.split("not modelled:")
     assert "modelled: gravity" in modelled
-    assert "quadratic bending; twist of an isotropic plate; air on triangles" in modelled
+    assert "quadratic bending; twist of an isotropic plate; air on cells" in modelled
     assert "(density 1.2 kg/m^3, normal 1.5, lift 1, tangential 0.02)" in modelled
     assert ("wind" in modelled) == (scene == "Flag")
     assert ("forces of the cloth on bodies" in missing) == bool(env.unwrapped.scene.colliders)

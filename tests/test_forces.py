@@ -9,7 +9,7 @@ import pytest
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.physics.laws.air import air_forces, pressure_energy, pressure_forces
+from cloth_envs.physics.laws.air import OWN, air_forces, pressure_energy, pressure_forces
 from cloth_envs.physics.laws.sheet import (
     bend_energy,
     bend_forces,
@@ -174,8 +174,25 @@ def test_still_air_only_takes_energy() -> None:
     grid = GRIDS["sheet"]
     scene = Scene("wind", grid, SHEETS[0], 0.02, air=Air(normal=0.4, tangential=0.9))
     x, v = crumpled(grid), crumpled(grid, 3)
-    # On a triangle f . v_mean <= 0; each corner gets a third, so the sum over corners is the same.
+    # On a cell f . v_mean <= 0, a quarter at each corner; what is beyond the mean is only slowed.
     assert ((air_forces(scene, x, v, np.zeros((2, 3))) * v).sum((1, 2, 3)) < 0).all()
+
+
+def test_the_air_damps_waves_of_two_cells() -> None:
+    """The mean velocity of a cell knows nothing of them."""
+    grid = GRIDS["sheet"]
+    scene = Scene("wind", grid, SHEETS[0], 0.02, air=Air(1.2, normal=1.5, lift=0.7, tangential=0.1))
+    r, c = np.indices(grid.shape)
+    x = np.stack([c * grid.col_spacing, -r * grid.row_spacing, 0.0 * r])[None]
+    wind = np.array([[2.0, 0.0, 3.0]])
+    rate = 1.2 / 2 * (1.5 * 3 + 0.7 * 2) * grid.row_spacing * grid.col_spacing
+    plain = air_forces(scene, x, np.zeros_like(x), wind)
+    for wave in ((-1.0) ** (r + c), (-1.0) ** r, (-1.0) ** c):
+        for axis in range(3):
+            v = np.zeros_like(x)
+            v[0, axis] = wave
+            change = air_forces(scene, x, v, wind) - plain
+            np.testing.assert_allclose(change[..., 1:-1, 1:-1], -OWN * rate * v[..., 1:-1, 1:-1], atol=1e-14)
 
 
 def test_pressure_pushes_along_the_normal() -> None:

@@ -24,6 +24,7 @@ TWINS = {
     "nets/resample_lanes": "test_miniature.py::test_interpolation_is_exact_for_its_degree_and_at_shared_vertices",
     "particles/lanes": "test_particles.py",
     "projection/lanes": "test_upscale_twin.py::test_vertices_are_put_on_the_surface_and_stop_there",
+    "selfcontact/lanes": "laws/test_layers.py",
 }
 
 

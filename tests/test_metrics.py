@@ -168,14 +168,6 @@ def test_tunnelling_is_counted_and_grazing_is_not() -> None:
     assert contact.tunnelled(floor, [low, high]) == 0
 
 
-def test_crossing_triangles() -> None:
-    pytest.importorskip("ipctk")
-    poked = rolled(1.3 / (2 * np.pi))  # nearly closed
-    middle = poked[0].reshape(3, -1)[:, GRID.triangles[100]].mean(1)
-    poked[0, :, 0, -1] = middle * [1.01, 1, 1.01]  # a corner of one triangle, across the tube and out through another
-    assert contact.crossing_triangles(GRID, np.concatenate([FLAT, rolled(0.3), poked])).tolist() == [0, 0, 1]
-
-
 def test_all_metrics_of_two_trajectories() -> None:
     scene = replace(BALL, colliders=())
     rng = np.random.default_rng(0)

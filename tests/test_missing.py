@@ -57,7 +57,7 @@ for line in json.loads(sys.argv[2]):
         answers.append(f"{type(error).__name__} {error}")
 print(json.dumps(answers))
 """
-BLOCKED = {"torch", "pyvista", "matplotlib", "imageio", "cholespy", "ipctk", "mujoco", "taichi", "stable_baselines3"}
+BLOCKED = {"torch", "pyvista", "matplotlib", "imageio", "cholespy", "mujoco", "taichi", "stable_baselines3"}
 LINES = {
     """gym.make("MiniCloth-Flag-v0", backend="cnn", backend_kwargs={"engine": "torch"})""": ("ImportError", "train"),
     """gym.make("MiniCloth-Curtain-v0", backend="own_backend:Springs")""": ("ImportError", "train"),

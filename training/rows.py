@@ -30,24 +30,24 @@ def read_names(text: str, known: Sequence[str], what: str) -> list[str]:
 
 
 def read_rows(path: Path, kind: type[Row]) -> list[Row]:
-    """Dataclasses of str, int and float from the CSV that ``write_rows`` wrote.
+    """Dataclasses of str, int and float from the CSV that ``write_rows`` wrote; columns with a default may be missing.
 
     Raises:
         ValueError: the file is damaged, or has other columns.
     """
-    types = get_type_hints(kind)
+    types, needed = get_type_hints(kind), [name for name in get_type_hints(kind) if not hasattr(kind, name)]
     with reading(path, REMEDY):
         content = path.read_bytes().replace(b"\r\n", b"\n")
         body = content[: content.rfind(MARK)]
-        whole = content == body + _mark(body, len(types))
+        whole = content == body + _mark(body, body.split(b"\n")[0].count(b",") + 1)
         text = (body if whole else content).decode()
         header, *lines = csv.reader(StringIO(text, newline=""), strict=True)
-    if header != list(types):
+    if header != [name for name in types if name in header or name in needed]:
         raise ValueError(f"{path} has other columns than this version writes: remove it, or choose another --out")
     with reading(path, REMEDY):
         if not whole:
             raise ValueError("its last line is not its checksum")
-        return [kind(**{n: types[n](text) for n, text in zip(types, line, strict=True)}) for line in lines]
+        return [kind(**{n: types[n](text) for n, text in zip(header, line, strict=True)}) for line in lines]
 
 
 def write_rows(path: Path, rows: Sequence[Any]) -> None:

@@ -32,6 +32,7 @@ def compare_scene(
     seed: int,
     policy: str,
     material: str | Mapping[str, float] | None,
+    self_contact: bool | None,
     horizon: int,
     out: str | None,
     video: bool,
@@ -58,8 +59,11 @@ def compare_scene(
         f"timed {REPEATS} times; table, chart{' and video' if video else ''} go into {folder} in the end"
         + (f", which replaces {stem}.{{{','.join(old)}}}" if old else "")
     )
-    result = compare(scene, chosen, actions, seed=seed, material=material, resolution=task.resolution)
+    result = compare(
+        scene, chosen, actions, seed=seed, material=material, self_contact=self_contact, resolution=task.resolution
+    )
     fabric = "" if material is None else f", material {material}"
+    fabric += {None: "", True: ", with self-contact", False: ", without self-contact"}[self_contact]
     setup = f"{scene}, {frames} frames of {task.frame_dt * 1e3:g} ms, seed {seed}, {policy} actions{fabric}"
     table, notes = tables.markdown(result), tables.notes(result, setup)
     tables.write_csv(result, stem.with_suffix(".csv"))

@@ -40,14 +40,21 @@ class Entry:
         """What entries of one curve share: the backend and the keywords that are words, such as the solver."""
         return self.backend, *((n, v) for n, v in sorted(self.backend_kwargs.items()) if isinstance(v, str))
 
-    def world(self, scene: str, material: Material | str | Mapping[str, float] | None) -> World:
-        """The scene with this entry's physics. Raises ValueError: a bad backend, keyword, resolution or material."""
+    def world(
+        self, scene: str, material: Material | str | Mapping[str, float] | None, self_contact: bool | None = None
+    ) -> World:
+        """The scene with this entry's physics.
+
+        Raises:
+            ValueError: a bad backend, keyword, resolution or material, or self-contact where the physics has none.
+        """
         return World(
             scene,
             backend=self.backend,
             backend_kwargs=dict(self.backend_kwargs),
             material=material,
             resolution=self.resolution,
+            self_contact=self_contact,
         )
 
 

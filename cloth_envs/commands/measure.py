@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
 
+import _minicloth_kernels as kernels
 import numpy as np
 from gymnasium.utils.seeding import np_random
 
@@ -50,6 +51,7 @@ class Result:
     heights: np.ndarray  # absolute difference of the mean height
     states: list[State]  # the free run, one state a frame, the start first
     divergence: float  # mean error over the free run
+    crossings: np.ndarray  # pairs of the cloth's own triangles that cross, by frame of the free run
     failure: str | None  # why and when the free run failed
     seconds: list[float] = field(default_factory=list)  # wall-clock time of every timed frame
 
@@ -140,7 +142,9 @@ def measure(
         if not failure:
             states.append(world.state.copy())
             path.append(truth.distance(world, done)[0])
-    return Result(entry, found[0], found[1], states, float(np.mean(path)) if path else np.nan, failure)
+    cloths, tube = np.concatenate([state.positions for state in states]), world.scene.grid.periodic
+    crossings = kernels.crossing_triangles(cloths, periodic=tube)
+    return Result(entry, found[0], found[1], states, float(np.mean(path)) if path else np.nan, crossings, failure)
 
 
 def compare(
@@ -150,6 +154,7 @@ def compare(
     *,
     seed: int = 0,
     material: Any = None,
+    self_contact: bool | None = None,
     resolution: tuple[int, int],
     repeats: int = REPEATS,
 ) -> Comparison:
@@ -165,8 +170,8 @@ def compare(
     last = frames - horizons[-1]
     starts = sorted({round(last * i / STARTS) for i in range(1, STARTS + 1)}) if last else [0]
     truth_entry = Entry("reference", resolution, TRUTHS["g1"])
-    worlds = [entry.world(scene, material) for entry in entries]
-    world = truth_entry.world(scene, material)
+    worlds = [entry.world(scene, material, self_contact) for entry in entries]
+    world = truth_entry.world(scene, material, self_contact)
     world.reset({0: np_random(seed)[0]})
     truth = Truth(world, [world.state.positions[0].copy()], {0: world.get_state()})
     for done, failure in run(world, actions):

@@ -25,6 +25,11 @@ def _episode(sub: Parser) -> None:
     sub.add_argument("--seed", type=_at_least(0), default=0, help="of the start and the actions (default 0)")
     sub.add_argument("--policy", default="smooth", help="zero, random, smooth (default) or bang-bang")
     sub.add_argument("--material", help="a fabric's name, or JSON such as '{\"areal_density\": 0.3}'")
+    sub.add_argument(
+        "--self-contact",
+        action=argparse.BooleanOptionalAction,
+        help="whether folds keep out of each other (default: as the scene lists it)",
+    )
 
 
 def _pictures(sub: argparse.ArgumentParser) -> None:

@@ -26,13 +26,14 @@ def write_csv(comparison: Comparison, path: Path) -> None:
     header = ["entry", "backend", "rows", "cols", "backend_kwargs", "ms_median", "ms_q1", "ms_q3", "times_real_time"]
     header += [f"error_{h}_frames_percent" for h in comparison.horizons]
     header += [f"mean_height_{h}_frames_percent" for h in comparison.horizons]
-    header += ["free_run_percent", "failure"]
+    header += ["free_run_percent", "crossing_pairs_mean", "crossing_pairs_max", "failure"]
     body: list[list[object]] = [[*header]]
     for result in comparison.results:
         entry, (low, middle, high) = result.entry, result.ms
         row: list[object] = [entry.label, entry.backend, *entry.resolution, dict(entry.backend_kwargs)]
         row += [middle, low, high, comparison.scene.frame_dt * 1e3 / middle]
-        row += [*percent(result.errors), *percent(result.heights), 100 * result.divergence, result.failure or ""]
+        row += [*percent(result.errors), *percent(result.heights), 100 * result.divergence]
+        row += [result.crossings.mean(), result.crossings.max(), result.failure or ""]
         body.append(row)
     with replacing(path) as part, part.open("w", newline="") as file:
         csv.writer(file).writerows(body)
@@ -60,6 +61,8 @@ def notes(comparison: Comparison, setup: str) -> str:
         f"Truth: {truth.backend} at {rows_}x{cols} in float64 at a quarter of the step.\n"
         "Free run: mean over the whole run from the common start. Cloth is chaotic: this and the longer horizons "
         "measure how fast runs part, not how good either is.\n"
+        "Crossing pairs: of the cloth's own triangles that pass through each other, mean and most over the frames of "
+        "the free run.\n"
         + "".join(f"{one} has the errors of {other}, to the bit.\n" for one, other in comparison.twins.items())
         + (CNN if any(result.entry.backend == "cnn" for result in comparison.results) else "")
     )
@@ -74,7 +77,7 @@ def markdown(comparison: Comparison) -> str:
     """The table, its columns aligned as text, numbers to the right."""
     horizons = comparison.horizons
     header = ["entry", "ms/frame (quartiles)", "x real time", *(f"error {h} fr. %" for h in horizons)]
-    header += [f"height {horizons[-1]} fr. %", "free run %"]
+    header += [f"height {horizons[-1]} fr. %", "free run %", "crossing pairs (max)"]
     failed = any(result.failure for result in comparison.results)
     lines = [header + (["failure"] if failed else [])]
     for result in comparison.results:
@@ -82,6 +85,7 @@ def markdown(comparison: Comparison) -> str:
         line = [result.entry.label, f"{middle:.3g} ({low:.3g}-{high:.3g})"]
         line += [f"{comparison.scene.frame_dt * 1e3 / middle:.0f}", *map(short, percent(result.errors))]
         line += [short(percent(result.heights)[-1]), short(100 * result.divergence)]
+        line += [f"{result.crossings.mean():.3g} ({result.crossings.max()})"]
         lines.append(line + ([result.failure or ""] if failed else []))
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]

@@ -73,6 +73,8 @@ def kernel_sheet(scene: Scene) -> kernels.Sheet:
         frame_dt=scene.frame_dt,
         gravity=scene.gravity,
         thickness=scene.thickness if scene.particles is None else 0.0,
+        self_thickness=scene.layer,
+        self_friction=scene.self_contact.friction if scene.self_contact else 0.0,
         air=air is not None,
         pressure=scene.pressure,
         air_normal=air.density * air.normal if air else 0.0,
@@ -119,24 +121,35 @@ def stiffness_bound(scene: Scene, material: Material) -> tuple[float, float]:
     return springs, bending / material.areal_density
 
 
-def air_bound(scene: Scene, material: Material, pressure: float = PRESSURE) -> float:
-    """Upper bound on the slope of the air's force over the velocity and the mass [1/s], at twice the fastest wind.
+def fastest(scene: Scene, pressure: float = PRESSURE) -> float:
+    """Speed through the air [m/s] up to which every step is short enough.
 
-    In still air cloth is taken to move at up to ``FASTEST``, and faster by what a ``pressure`` [Pa] can drive it to, at
-    which ``rho/2 C_n v^2`` balances it. A triangle's force has the slopes ``rho/2 A`` times
-    ``2 C_n |u_n| + C_l |u_t|`` and ``C_l u_n`` along its normal, ``2 C_t |u_t|`` and ``C_t |u_t|`` in its plane. The
-    norm of their matrix over ``rho A |u|`` is at most ``(C_n^2 + C_l^2 / 2 + C_t^2)^(1/2)``, without lift the larger
-    one of ``C_n`` and ``C_t``.
+    Twice the fastest wind's, ``FASTEST`` at least, and what a ``pressure`` [Pa] can drive cloth to, at which
+    ``rho/2 C_n v^2`` balances it.
+    """
+    air = scene.air
+    if air is None:
+        return np.inf
+    driven = scene.pressure and air.density * air.normal > 0
+    pushed = np.sqrt(2 * abs(pressure) / (air.density * air.normal)) if driven else 0.0
+    return float(max(2 * air.max_wind, FASTEST) + pushed)
+
+
+def air_bound(scene: Scene, material: Material, pressure: float = PRESSURE, speed: float = 0.0) -> float:
+    """Upper bound on the slope of the air's force over the velocity and the mass [1/s].
+
+    Cloth moves through the air at up to ``speed`` [m/s], ``fastest`` at least. A cell's force has the slopes
+    ``rho/2 A`` times ``2 C_n |u_n| + C_l |u_t|`` and ``C_l u_n`` along its normal, ``2 C_t |u_t|`` and ``C_t |u_t|``
+    in its plane. The norm of their matrix over ``rho A |u|`` is at most
+    ``(C_n^2 + C_l^2 / 2 + C_t^2)^(1/2)``, without lift the larger one of ``C_n`` and ``C_t``.
     """
     if scene.air is None:
         return 0.0
-    air, speed = scene.air, max(2 * scene.air.max_wind, FASTEST)
+    air = scene.air
     slope = max(air.normal, air.tangential)
     if air.lift > 0:
         slope = np.sqrt(air.normal**2 + air.lift**2 / 2 + air.tangential**2)
-    if scene.pressure and air.density * air.normal > 0:
-        speed += np.sqrt(2 * abs(pressure) / (air.density * air.normal))
-    return float(air.density * slope * speed / material.areal_density)
+    return float(air.density * slope * max(fastest(scene, pressure), speed) / material.areal_density)
 
 
 def pressure_bound(scene: Scene, material: Material, pressure: float = PRESSURE) -> float:
@@ -183,6 +196,7 @@ class Solver(ABC):
     """
 
     yields: ClassVar[bool] = False  # to compression, as ``Material.yields`` says
+    self_contact: ClassVar[bool] = False  # whether it models ``Scene.self_contact``
 
     def __init__(self, scene: Scene, *, num_envs: int = 1, threads: int = 1, dtype: str = "float32") -> None:
         self.scene, self.num_envs = scene, whole_number("num_envs", num_envs)

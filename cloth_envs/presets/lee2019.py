@@ -6,7 +6,8 @@ SI units; the mass is the whole cloth's (1.5 kg for each particle, "the mass of 
 springs of 150 N/m many times over); all springs, diagonals too, have the same constant (half of it on the border); the
 cloth measures 1.5 x 1.0 m; which mass and spring go together; how the cloth is held, what it starts from and how fast
 wind and ball are. Bending along rows and columns and damping are those of the package's default material, but for the
-flag's bending; still air slows by 0.5 1/s. A factor of 2 or 4 divides all three grids, 3 that of the curtain only.
+flag's bending; still air slows by 0.5 1/s; folds pass through each other. A factor of 2 or 4 divides all three grids, 3
+that of the curtain only.
 
 The flag has two more free choices, ``bending`` (1/4) and ``tangential`` (0.2): on 31 mm cells a sheet that bends as
 easily as cloth crumples cell by cell, and nothing comes within the 7.8 mm of table 7. How the two were

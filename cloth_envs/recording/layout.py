@@ -12,7 +12,7 @@ from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip
 from cloth_envs.material import PROPERTIES, Material
 from cloth_envs.particles import Particles
-from cloth_envs.scene import Air, Collider, Scene
+from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.version import __version__
 
 LAYOUT_VERSION = 3
@@ -61,6 +61,8 @@ def scene_from_json(text: str, handles: tuple[int, ...] | None = None) -> Scene:
     parts["air"] = parts["air"] and Air(**parts["air"])
     net = parts.get("particles")  # files of version 0.1 have none
     parts["particles"] = net and Particles(**net)
+    own = parts.get("self_contact")  # older files have none
+    parts["self_contact"] = own and SelfContact(**own)
     parts["colliders"] = tuple(Collider(**body) for body in parts["colliders"])
     parts["handles"] = tuple(parts["handles"]) if handles is None else handles
     grips = parts.get("grips", ())  # files of version 0.1 have none

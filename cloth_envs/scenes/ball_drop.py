@@ -46,8 +46,8 @@ class BallDrop(Task):
     beside the ball's axis.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, still air, contact and friction with the ball and the ground. No self-contact:
-    folds can pass through each other. The ball slides, it doesn't roll, and doesn't feel the cloth.
+    Springs, damping, bending, gravity, still air, contact and friction with the ball and the ground. Folds can pass
+    through each other, but with `self_contact=True`. The ball slides, it doesn't roll, and doesn't feel the cloth.
     """
 
     size = (1.0, 1.0)

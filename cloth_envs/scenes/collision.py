@@ -50,8 +50,8 @@ class Collision(Task):
     Hanging in four shallow pleats, at rest length and at rest; ball and goal are random. The top falls into a swag.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, still air, contact and friction with the ball. No self-contact: folds can pass
-    through each other. The ball slides, it doesn't roll, and doesn't feel the cloth.
+    Springs, damping, bending, gravity, still air, contact and friction with the ball. No self-contact, and no need of
+    it: none of the cloth's triangles cross. The ball slides, it doesn't roll, and doesn't feel the cloth.
     """
 
     size = (1.5, 1.0)

@@ -50,8 +50,8 @@ class Curtain(Task):
     towards the hem.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, still air, rings. No self-contact: neighbouring pleats can pass through
-    each other. No friction of rings on the rail.
+    Springs, damping, bending, gravity, still air, rings. Neighbouring pleats can pass through each other, but with
+    `self_contact=True`. No friction of rings on the rail.
     """
 
     size = (1.5, 1.0)

@@ -43,8 +43,8 @@ class Flag(Task):
     and the onlooker's direction, up to 34 degrees beside the wind, are random.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, wind with lift on triangles, the pole. No self-contact: folds of the flag can
-    pass through each other.
+    Springs, damping, bending, gravity, wind with lift on cells, the pole. Folds of the flag can pass through each
+    other, but with `self_contact=True`.
     """
 
     size = (1.0, 1.5)

@@ -47,8 +47,8 @@ class Hanging(Task):
     whole. The goal is random.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, still air, the breeze as a small pressure along the normals.
-    No self-contact: folds can pass through each other.
+    Springs, damping, bending, gravity, still air, the breeze as a small pressure along the normals. Folds can pass
+    through each other, but with `self_contact=True`.
     """
 
     size = (1.0, 1.0)

@@ -42,7 +42,7 @@ class Pressure(Task):
 
     ## What Is Modelled
     Springs, damping, bending, gravity, still air, pressure along the normals, pinned border. The air's own mass and
-    flow are not.
+    flow are not. No self-contact, and no need of it: none of the sheet's triangles cross.
     """
 
     size = (1.0, 1.0)

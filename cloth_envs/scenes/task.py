@@ -158,7 +158,8 @@ def documented(task: type[Task]) -> type[Task]:
 Truncated after {n} frames ({n * task.frame_dt:g} s). Terminated when the simulation fails (`info["failure"]`).
 
 ## Arguments
-`backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `preset`, `render_mode`: see `ClothEnv`.
+`backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `preset`, `self_contact`, `render_mode`: see
+`ClothEnv`.
 
 ## Version History
 v0: first version."""

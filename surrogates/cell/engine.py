@@ -106,7 +106,9 @@ class TorchNet(ParticleSolver):
 
 
 class TorchSheet(CellSheet):
-    """``CellSheet`` in torch: on GPUs, and with forces plugged in."""
+    """``CellSheet`` in torch: on GPUs, and with forces plugged in; without self-contact."""
+
+    self_contact = False
 
     def __init__(
         self,
@@ -132,7 +134,7 @@ class TorchSheet(CellSheet):
     def step(self, old: State, new: State, controls: Controls) -> None:
         like = self.cell.areas
         with torch.no_grad():
-            cuts = self._cuts(old.positions, controls.pressure)
+            cuts = self._cuts(old, controls, self._kernel.speeds(old, new, controls))
             for cut in np.unique(cuts, axis=0):
                 which = np.flatnonzero((cuts == cut).all(1))
                 part = Controls(**{name: value[which] for name, value in vars(controls).items()})

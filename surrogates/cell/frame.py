@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cloth_envs.physics.laws.air import OWN
 from cloth_envs.physics.laws.drives import handle_starts, hermite
 from cloth_envs.physics.laws.step import foresight, kicks
 from cloth_envs.scene import Collider, Scene
@@ -14,30 +15,31 @@ from surrogates.cell.sheet import TINY, Force, SheetCell, cut, place
 
 
 def air_forces(scene: Scene, x: Tensor, v: Tensor, wind: Tensor, pressure: Tensor) -> Tensor:
-    """The scene's air, moved by ``wind`` ``(B, 3)``, and ``pressure`` ``(B,)`` on the four facets of every cell [N].
-
-    See ``laws.air.air_forces``; facets of both diagonals count half.
-    """
+    """The scene's air, moved by ``wind`` ``(B, 3)``, and ``pressure`` ``(B,)`` on cells [N]: see ``laws.air``."""
     air = scene.air
     places = (0, 0), (0, 1), (1, 1), (1, 0)  # upper left, upper right, lower right, lower left
-    corners, speeds = ([cut(a, at, scene.grid.cells) for at in places] for a in (x, v))
+    corners = [cut(x, at, scene.grid.cells) for at in places]
+    area = torch.linalg.cross(corners[2] - corners[0], corners[1] - corners[3], dim=1) / 2
+    force = rate = mean = torch.zeros_like(area)
+    speeds = [cut(v, at, scene.grid.cells) for at in places]
+    if air is not None:
+        size = (_dot(area, area) + TINY).sqrt()
+        n = area / size
+        mean = (speeds[0] + speeds[1] + speeds[2] + speeds[3]) / 4
+        relative = mean - wind[:, :, None, None]
+        across = _dot(n, relative)
+        slide = relative - across * n
+        speed = (_dot(slide, slide) + TINY).sqrt()
+        rate = air.density / 8 * size * (air.normal * across.abs() + air.lift * speed)
+        force = -rate * across * n - air.density / 8 * size * air.tangential * speed * slide
     total = torch.zeros_like(x)
-    for one, two, three in ((0, 3, 2), (0, 2, 1), (0, 3, 1), (3, 2, 1)):
-        normal = torch.linalg.cross(corners[two] - corners[one], corners[three] - corners[one], dim=1)
-        force = torch.zeros_like(normal)
-        if scene.pressure:
-            force = force + pressure[:, None, None, None] * normal / 2
-        if air is not None:
-            twice_area = (_dot(normal, normal) + TINY).sqrt()
-            n = normal / twice_area
-            relative = (speeds[one] + speeds[two] + speeds[three]) / 3 - wind[:, :, None, None]
-            across = _dot(n, relative)
-            slide = relative - across * n
-            speed = (_dot(slide, slide) + TINY).sqrt()
-            stress = (air.normal * across.abs() + air.lift * speed) * across * n + air.tangential * speed * slide
-            force = force - air.density / 4 * twice_area * stress
-        for corner in (one, two, three):
-            total = total + place(force / 6, places[corner], scene.grid.shape)
+    for k, at in enumerate(places):
+        share = force - OWN * rate * (speeds[k] - mean)
+        if scene.pressure:  # a third of half of each triangle but the one without this corner
+            before, after = corners[k - 1], corners[(k + 1) % 4]
+            missing = torch.linalg.cross(before - after, corners[k - 2] - after, dim=1) / 2
+            share = share + pressure[:, None, None, None] * (2 * area - missing) / 6
+        total = total + place(share, at, scene.grid.shape)
     return total
 
 
@@ -80,7 +82,12 @@ def contact(
     stop = torch.where(touching, (-speed).clamp_min(0), 0)
     sliding = relative - speed * n
     hold = (body.friction * stop / (_dot(sliding, sliding) + TINY).sqrt()).clamp_max(1)
-    return x1 + torch.where(touching, -gap, 0) * n - dt * hold * sliding, v + stop * n - hold * sliding
+    x1 = x1 + torch.where(touching, -gap, 0) * n - dt * hold * sliding
+    if body.kind == "capsule":
+        p = x1 - _nearest(end, x1)[1]
+        size = (_dot(p, p) + TINY).sqrt()
+        x1 = x1 + torch.where(size < radius, radius / size - 1, 0) * p
+    return x1, v + stop * n - hold * sliding
 
 
 def frame(
@@ -98,7 +105,8 @@ def frame(
     dt, held, shape = scene.frame_dt, list(scene.handles), x.shape
     h = dt / substeps
     drag, part, past, slow = sheets["drag"], kicks(substeps).tolist(), v, torch.zeros_like(x)
-    wind, pressure, index = tensor(controls.wind), tensor(controls.pressure), torch.tensor(held, device=x.device)
+    wind, pressure = tensor(controls.wind), tensor(controls.pressure)
+    index = torch.tensor(held, dtype=torch.int64, device=x.device)
     ends = [tensor(a.transpose(0, 2, 1)) for a in (controls.handle_positions, controls.handle_velocities)]
     now = [a.flatten(2)[..., held].transpose(1, 2) for a in (x, v)]
     starts: list[Tensor] = handle_starts(scene, *now, ends[0].transpose(1, 2))  # type: ignore[arg-type, assignment, call-arg]
@@ -108,6 +116,11 @@ def frame(
     rate = soft * (sheets["stretch_stiffness"] / sheets["areal_density"])[..., 0]
     bodies, *rest = (tensor(a) for part in (start, controls) for a in (part.colliders, part.collider_velocities))
     cubic = [bodies, *rest]
+
+    def pulled(x: Tensor, v: Tensor, path: Tensor, time: float) -> Tensor:  # as laws.drives.pull_handles
+        pull = time * rate * (path - x.flatten(2)[..., held])
+        return v.flatten(2).index_add(2, index, pull).reshape(shape)
+
     for k in range(substeps + 1):
         if k % hold == 0:
             later, trend = foresight(k, hold, substeps)
@@ -119,6 +132,8 @@ def frame(
         for extra in forces:
             force = force + extra(x, v)
         time = h * part[k]
+        if k == 0:
+            v = pulled(x, v, handles[0], -h / 2)
         lag = torch.where(drag > 0, -torch.expm1(-drag * time) / drag.clamp_min(TINY), time)
         v = torch.exp(-drag * time) * v + lag / cell.mass(sheets) * force
         end, step = (k + 1) / substeps, h
@@ -142,4 +157,4 @@ def frame(
                 for a, b, c in ((path, x, h * drawn), (speed, v, drawn))
             ]
             x, v = (a.flatten(2).index_copy(2, index, b).reshape(shape) for a, b in zip((x, v), driven, strict=True))
-    return x, v
+    return x, pulled(x, v, handles[2], h / 2)

@@ -44,6 +44,11 @@ class Upscaled:
         return self._state
 
     @property
+    def self_contact(self) -> bool:
+        """Whether the coarse cloth keeps out of itself where the scene lists that."""
+        return bool(getattr(self.coarse.solver, "self_contact", False))
+
+    @property
     def guarded(self) -> np.ndarray:
         """The members that the guard interpolated in the last frame that was read, ``(B,)``."""
         return self.fine.guarded

@@ -112,7 +112,7 @@ def test_a_tilted_sheet_glides(degrees: float) -> None:
     assert found[0] > 0.25 * -found[2]  # forward, down the slope
 
 
-@pytest.mark.parametrize(("fabric", "limp", "flies"), [("silk", 1.0, 1.5), ("default", 1.0, 2.0), ("denim", 2.0, 3.5)])
+@pytest.mark.parametrize(("fabric", "limp", "flies"), [("silk", 0.9, 1.5), ("default", 1.0, 2.0), ("denim", 2.0, 3.5)])
 def test_a_flag_flaps_the_faster_the_stronger_the_wind(fabric: str, limp: float, flies: float) -> None:
     grid, winds, steady = Grid(13, 19, 1.0, 1.5), np.array([limp, flies, 3.5, 6.0, 12.0]), slice(400, None)
     scene = replace(Flag.build_scene(grid, FABRICS[fabric]), frame_dt=0.01)

@@ -209,6 +209,25 @@ def test_an_open_tube_under_pressure_lives_or_bursts_aloud() -> None:
     assert abs(x - x.mean((2, 3), keepdims=True)).max() < 2 * grid.height
 
 
+@pytest.mark.parametrize("pressure", [90.0, -90.0])
+def test_a_sheet_bursts_aloud_under_little_pressure_too(pressure: float) -> None:
+    grid = Grid(17, 17, 1.0, 1.0)
+    scene = Scene(
+        "sail",
+        grid,
+        THREADS.with_changes(stretch_stiffness=30.0, shear_stiffness=10.0, damping=5e-5),
+        0.02,
+        tuple(range(17)),
+    )
+    scene = replace(scene, pressure=True)
+    state = State.still(flat(grid))
+    state.positions += 1e-4 * np.random.default_rng(3).normal(size=state.positions.shape)
+    controls = Controls.hold(state, scene.handles)
+    controls.pressure[:] = pressure
+    with pytest.raises(ValueError, match=f"a pressure of {abs(pressure):g} Pa burst the cloth"):
+        run(scene, state, controls, 30)
+
+
 @pytest.mark.parametrize("pressure", [50.0, 1e3, 1e4])
 def test_the_step_allows_for_pressure(pressure: float) -> None:
     """The bound holds for the matrix itself: of a grid's random shapes with no edge longer than twice its length."""

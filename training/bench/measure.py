@@ -16,7 +16,7 @@ from cloth_envs.state import Controls, State
 from training import metrics
 from training.bench.participants import FLOOR, NO_PHYSICS, Participant
 from training.cache import digest
-from training.metrics.contact import HAS_IPCTK, crossing_triangles
+from training.metrics.contact import crossing_triangles
 from training.metrics.errors import displacement_span, distances
 from training.rollouts import Seconds, nudge, replay, stack_controls, stack_states
 from training.rows import rounded
@@ -44,8 +44,8 @@ class Windows:
 
     @cached_property
     def crossings(self) -> np.ndarray:
-        """Pairs of crossing triangles at the end of every seed's first window."""
-        return crossing_triangles(self.scene.grid, self.truth[-1].positions[: self.starts.count(self.starts[0])])
+        """Pairs of crossing triangles at the end of every stretch, ``(B,)``."""
+        return crossing_triangles(self.scene.grid, self.truth[-1].positions)
 
     def first(self, count: int) -> "Windows":
         """The first ``count`` of the batch."""
@@ -159,7 +159,7 @@ def vertex_error(scene: Scene, state: State, truth: State) -> float:
 class ErrorRow:
     """Metrics of ``training.metrics`` after ``frames``: means over the ``windows`` of one seed that did not fail.
 
-    Errors are in % of the cloth's length; ``crossings`` (pairs of triangles, at the last horizon) may be NaN.
+    Errors are in % of the cloth's length; ``crossings``, pairs of triangles, are counted after the last frame.
     """
 
     scene: str
@@ -234,8 +234,7 @@ def _compared(found: Run, windows: Windows, frames: int) -> dict[str, Any]:
         told |= metrics.over_frames(scene, states, true)
     for name, value in told.items():
         values[name][good] = value
-    if HAS_IPCTK and frames == len(windows.controls):
-        few = good[good < len(windows.crossings)]
-        values["crossings"][few] = crossing_triangles(scene.grid, states[-1].positions[: len(few)])
-        values["crossings_truth"][few] = windows.crossings[few]
+    if frames == len(windows.controls):
+        values["crossings"][good] = crossing_triangles(scene.grid, states[-1].positions)
+        values["crossings_truth"][good] = windows.crossings[good]
     return values

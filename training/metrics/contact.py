@@ -1,12 +1,11 @@
 """Contact: depth in bodies, vertices that went through one, triangles that cross each other."""
 
 from collections.abc import Sequence
-from importlib.util import find_spec
 from itertools import pairwise
 
+import _minicloth_kernels as kernels
 import numpy as np
 
-from cloth_envs.extras import install
 from cloth_envs.grid import Grid
 from cloth_envs.physics.laws.bodies import axis_parameter, dot, on_axis
 from cloth_envs.physics.laws.diagnostics import Penetration, penetration
@@ -14,7 +13,6 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import State
 
 SAMPLES = 17  # between two frames
-HAS_IPCTK = find_spec("ipctk") is not None  # extra `metrics`
 
 
 def inside(scene: Scene, state: State) -> Penetration:
@@ -49,30 +47,10 @@ def tunnelled(scene: Scene, states: Sequence[State]) -> np.ndarray:
 def crossing_triangles(grid: Grid, positions: np.ndarray) -> np.ndarray:
     """Pairs of the cloth's triangles that pass through each other, ``(B,)`` of ``positions`` ``(B, 3, H, W)``.
 
-    An edge of one crosses the inside of the other, and has no vertex in common with it (exact predicates of ipctk).
+    An edge of one crosses the inside of the other, and they have no vertex in common; touching is none.
+    ``kernels.crossing_pairs`` lists them.
 
     Raises:
-        ImportError: ipctk is missing; says what to install.
+        ValueError: positions that are not finite.
     """
-    try:
-        import ipctk
-    except ImportError as error:
-        raise ImportError(f"crossing triangles need ipctk ({error}): {install('metrics')}") from error
-    faces = grid.triangles
-    edges = ipctk.edges(faces)
-    owners: dict[int, list[int]] = {}
-    number = {tuple(sorted(edge)): i for i, edge in enumerate(edges.tolist())}
-    for i, (a, b, c) in enumerate(faces.tolist()):
-        for pair in ((a, b), (b, c), (c, a)):
-            owners.setdefault(number[tuple(sorted(pair))], []).append(i)
-    found = []
-    for cloth in positions:
-        x = np.ascontiguousarray(cloth.reshape(3, -1).T, np.float64)
-        broad = ipctk.LBVH()
-        broad.build(x, edges, faces, 0.0)
-        pairs = set()
-        for near in broad.detect_edge_face_candidates():
-            if ipctk.is_edge_intersecting_triangle(*x[edges[near.edge_id]], *x[faces[near.face_id]]):
-                pairs |= {tuple(sorted((owner, near.face_id))) for owner in owners[near.edge_id]}
-        found.append(len(pairs))
-    return np.array(found)
+    return kernels.crossing_triangles(positions, periodic=grid.periodic)

@@ -85,14 +85,15 @@ class AdmmSolver(Solver):
     """Implicit Euler by P-ADMM (Overby et al. 2017).
 
     A step minimises ``|x - x~|_M^2 / (2 h^2) + sum U_i(D_i x)``, ``x~ = x + h v + h^2 M^-1 f``, where ``f`` is
-    gravity, air and pressure at the step's start. An iteration takes, for every spring, ``y = D x + u``,
+    gravity, air and pressure with the step's first facets. An iteration takes, for every spring, ``y = D x + u``,
     ``z = argmin U(z) + w^2 |z - y|^2 / 2``, ``u <- y - z``, and then solves
     ``(M / h^2 + D^T W^2 D) x = M x~ / h^2 + D^T W^2 (z - u)`` with firm handles where the frame's cubic has them; the
     springs of soft ones lie in the matrix.
 
     - The spring's ``z = (k L y^ + w^2 y) / (k + w^2)`` with ``w^2 = 0.2 k``. The start is ``z = D x_t``, ``u = 0``,
       and for x the prediction ``x~``. A dashpot ``c`` adds ``c (|d| - |d_t|)^2 / (2 h)``; bending lies in the matrix.
-    - The air's force on a facet is weakened to what it can do in a step, ``1 / (1 + a |u| h)``.
+    - The air's force on a cell is that at the end of an implicit step of the cell alone, from the velocity that it
+      would have without; what springs do to that is looked at once more after half of the iterations.
     - Bodies act by forces with Coulomb friction, detected again in each iteration; a last projection takes
       every vertex out of them.
 

@@ -10,6 +10,9 @@ from cloth_envs.scene import Scene
 
 SAFETY = 0.9
 SHEAR = np.radians(15.0)  # of a cell, up to which its springs are bounded by their directions
+LOAD = 0.017  # strain of threads under loads that shear whole regions of cells alike
+UNDAMPED = 0.02  # damping times the largest frequency, below which nothing takes what a few sheared cells give
+RESONANCE = 12.0  # what slow forces, held, may do to fast waves over what damping takes of them, as in ``interval``
 HELD = 7  # substeps for which slow forces are held: docs/solvers.md has what more would save and cost
 
 
@@ -19,14 +22,19 @@ def directed_bound(scene: Scene, material: Material) -> float:
     ``K`` of a spring is ``k d d^T``, ``d`` its direction: what neighbours along a row and along a column do to a vertex
     does not add up, as in ``stiffness_bound``. On an even grid waves ``exp(i (p r + q c))`` are eigenvectors; a free
     border with its halved masses and springs is one mirrored about it. The largest over all waves, of flat cells and of
-    cells sheared by ``SHEAR``; at a shear of 90 degrees it would be that of ``stiffness_bound``. Cells that are sheared
-    further are inside ``SAFETY`` until 33 degrees, and then seldom all alike.
+    cells sheared by ``SHEAR`` or, where shear is weak, by what loads that strain the threads by ``LOAD`` make of them:
+    ``tan(angle) = LOAD stretch / shear``, at 90 degrees the bound of ``stiffness_bound``. Cells sheared by 15 to 33
+    degrees are inside ``SAFETY``, and further ones seldom all alike: damping then takes what they gain, and cloth with
+    next to none is bounded for 90 degrees (docs/physics.md).
     """
     grid, worst = scene.grid, 0.0
     a, b, stretch = grid.row_spacing, grid.col_spacing, material.stretch_stiffness
     shear = material.shear_stiffness * (a * a + b * b) / (2 * a * b)
     p, q = np.meshgrid(*2 * [np.linspace(-np.pi, np.pi, 33)])
-    for angle in (0.0, SHEAR):
+    sheared = max(SHEAR, np.arctan2(LOAD * stretch, material.shear_stiffness))
+    if material.damping * np.sqrt(stiffness_bound(scene, material)[0]) < UNDAMPED:
+        sheared = np.pi / 2
+    for angle in (0.0, sheared):
         col, row = np.array([b, 0.0]), a * np.array([np.sin(angle), np.cos(angle)])
         matrix = np.zeros((*p.shape, 2, 2))
         edges = [
@@ -42,19 +50,19 @@ def directed_bound(scene: Scene, material: Material) -> float:
 
 
 @lru_cache(maxsize=1024)  # an environment asks before it sets a material
-def stable_step(scene: Scene, material: Material, pressure: float = PRESSURE) -> float:
+def stable_step(scene: Scene, material: Material, pressure: float = PRESSURE, speed: float = 0.0) -> float:
     """The step ``h`` [s] for which ``h^2 K + 2 h C <= 4 M`` with safety 0.9.
 
     With the damping force taken at the velocity half a step before, each mode has the
     characteristic polynomial ``z^2 - (2 - h c - h^2 k) z + (1 - h c)``; its roots stay in the unit
     circle while ``h^2 k + 2 h c <= 4``. ``k`` holds springs (``directed_bound``), bending and, where the scene has it,
     ``pressure`` [Pa]; ``c`` the dashpots (``damping`` times the springs' stiffness) and the slope of the air's force
-    (``air_bound``). Every spring adds the larger of what it adds lengthened and shortened, so the step is the smaller
-    one of a sheet of either.
+    (``air_bound``) up to ``speed`` [m/s]. Every spring adds the larger of what it adds lengthened and shortened, so the
+    step is the smaller one of a sheet of either.
     """
     springs = directed_bound(scene, material)
     other = stiffness_bound(scene, material)[1] + pressure_bound(scene, material, pressure)
-    air = air_bound(scene, material, pressure)
+    air = air_bound(scene, material, pressure, speed)
 
     def step(stiffness: float, damping: float) -> float:
         k, c = stiffness * springs + other, damping * material.damping * springs + air
@@ -64,13 +72,22 @@ def stable_step(scene: Scene, material: Material, pressure: float = PRESSURE) ->
 
 
 @lru_cache(maxsize=1024)
-def interval(scene: Scene, material: Material, h: float, pressure: float = PRESSURE, *, loose: bool = False) -> int:
+def interval(
+    scene: Scene, material: Material, h: float, pressure: float = PRESSURE, speed: float = 0.0, *, loose: bool = False
+) -> int:
     """For how many substeps of ``h`` [s] bending, the air and pressure can be held, 1 at least.
 
     Held for a time T at the position ``T / 2`` ahead, a force of frequency ``w`` neither gains nor takes energy while
     ``w T < 2``: here below 1. The air, at velocities extrapolated by ``T / 2``, is stable for rates ``c T < 1``; below
     1/2 it is as exact as the step.
+
+    To waves of springs with frequencies ``w`` over ``2 / T``, of which the held force knows nothing, it gives energy at
+    a rate of up to ``slow / w``, while damping takes ``damping w^2 / 2``: ``slow T^3 / damping`` must stay small. That
+    of bending is below ``RESONANCE``, with the damping of springs that are short as often as long; pressure gives far
+    less, and counts where nothing is damped. Held for one substep a force is part of the step.
     """
-    slow = stiffness_bound(scene, material)[1] + pressure_bound(scene, material, pressure)
-    air = air_bound(scene, material, pressure) * (1 if loose else 2)
-    return max(int(min(1000, 1 / max(h * max(np.sqrt(slow), air), 1e-9))), 1)
+    bending, pushed = stiffness_bound(scene, material)[1], pressure_bound(scene, material, pressure)
+    air = air_bound(scene, material, pressure, speed) * (1 if loose else 2)
+    damping = material.damping * (1 + material.compression_damping) / 2
+    fast = np.cbrt(bending / (RESONANCE * damping)) if damping > 0 else np.sign(bending + pushed) / h
+    return max(int(min(1000, 1 / max(h * max(np.sqrt(bending + pushed), air, fast), 1e-9))), 1)

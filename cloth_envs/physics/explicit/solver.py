@@ -9,32 +9,39 @@ from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
 from cloth_envs.physics.explicit.bounds import HELD, interval, stable_step
 from cloth_envs.physics.laws.diagnostics import strains
-from cloth_envs.physics.solver import PRESSURE, STRETCH, Solver, kernel_material, kernel_sheet
+from cloth_envs.physics.solver import PRESSURE, STRETCH, Solver, fastest, kernel_material, kernel_sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
 MAX_SUBSTEPS = 20_000  # per frame
+BREEZE = 5.0  # Pa, which bursts no cloth: what is not finite then has another cause
+SOUND = 340.0  # m/s, to which the law of the air reaches at most
+
+
+def _rounded(value: float) -> float:
+    """A little up, so that there are few different ones."""
+    return float(2 ** (np.ceil(4 * np.log2(value)) / 4))
 
 
 class ExplicitSolver(Solver):
     """Velocity Verlet in equal substeps of a frame; bending and the air are computed every few of them.
 
     The number of substeps comes from a bound on the spectrum (``stable_step``), so every
-    material that is not refused is stable; a frame in a pressure of over 100 Pa is stepped in as many more as that
-    needs. Handles and bodies move on cubics through the frame.
+    material that is not refused is stable; a frame in a pressure of over 100 Pa, or of something faster than 12 m/s and
+    twice the wind, is stepped in as many more as that needs. Handles and bodies move on cubics through the frame.
 
     Args, beside those of ``Solver``:
         substeps: per frame, instead of the largest stable step; not below the stable number.
         refine: multiplies the number of substeps (4 for truth).
         held: for how many substeps bending and the air are held, at most; fewer where they would not be stable. By
-            default up to 7, fewer where the air's rate asks for it: as exact as the step.
+            default up to 7, fewer where the air's rate or a lack of damping asks for it: as exact as the step.
 
     Raises:
         ValueError: a bad argument, or a material so stiff or light (in ``advance``: a pressure so large) that a frame
-            would need more than 20,000 substeps, or more than ``substeps``; a cloth burst by more than 100 Pa.
+            would need more than 20,000 substeps, or more than ``substeps``; a cloth burst by a pressure.
     """
 
-    yields = True
+    yields, self_contact = True, True
 
     def __init__(
         self,
@@ -50,12 +57,13 @@ class ExplicitSolver(Solver):
         super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
         self._refine = whole_number("refine", refine)
         self._held = None if held is None else whole_number("held", held)
+        self._fastest = fastest(scene)
         self._wanted = None if substeps is None else whole_number("substeps", substeps)
         kernel = kernels.Explicit32 if self.dtype == np.float32 else kernels.Explicit64
         self._kernel = kernel(kernel_sheet(scene))
         self._stepped = [scene.material] * num_envs
         self._felt = [kernel_material(scene.material)] * num_envs
-        self.cuts = np.ones((num_envs, 2), np.int32)
+        self.cuts = self.last_cuts = np.ones((num_envs, 2), np.int32)
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
     def check_material(self, material: Material) -> None:
@@ -71,16 +79,20 @@ class ExplicitSolver(Solver):
         for i, m in zip(which, materials, strict=True):
             self._stepped[i], self._felt[i], self.cuts[i] = m, kernel_material(m), self._cut(m)
 
-    def _cut(self, material: Material, pressure: float = PRESSURE, cause: str = "this material") -> tuple[int, int]:
+    def _cut(
+        self, material: Material, pressure: float = PRESSURE, speed: float = 0.0, cause: str = "this material"
+    ) -> tuple[int, int]:
         """How a frame is cut: substeps, and for how many slow forces are held. Raises ValueError: see ``_count``."""
-        count = self._count(material, pressure, cause)
+        count = self._count(material, pressure, speed, cause)
         loose = self._held is not None
-        held = interval(self.scene, material, self.scene.frame_dt / count, pressure, loose=loose)
+        held = interval(self.scene, material, self.scene.frame_dt / count, pressure, speed, loose=loose)
         return count, min(held, HELD if self._held is None else self._held)
 
-    def _count(self, material: Material, pressure: float = PRESSURE, cause: str = "this material") -> int:
+    def _count(
+        self, material: Material, pressure: float = PRESSURE, speed: float = 0.0, cause: str = "this material"
+    ) -> int:
         """Substeps in a frame. Raises ValueError: more than the limit, or fewer wanted than are stable."""
-        least = np.ceil(self.scene.frame_dt / stable_step(self.scene, material, pressure))
+        least = np.ceil(self.scene.frame_dt / stable_step(self.scene, material, pressure, speed))
         count = least * self._refine if self._wanted is None else self._wanted
         if count < least:
             what = cause.removeprefix("this ")
@@ -92,28 +104,41 @@ class ExplicitSolver(Solver):
             )
         return int(count)
 
-    def _cuts(self, positions: np.ndarray, pressure: np.ndarray) -> np.ndarray:
-        """``cuts`` of a frame from ``positions`` in a ``pressure`` ``(B,)`` [Pa].
+    def _cuts(self, old: State, controls: Controls, speeds: Sequence[float] = ()) -> np.ndarray:
+        """``cuts`` of the frame from ``old``, in which something has ``speeds`` ``(B,)`` [m/s] if they are given.
 
-        What pressure does grows with the edges' lengths: they may double in a frame.
+        What pressure does grows with the edges' lengths: they may double in a frame. Speeds may grow to four times
+        theirs where something is hit, and the air moves at up to ``max_wind`` against them; more than that of sound is
+        not counted on.
         """
-        high = abs(pressure) > PRESSURE if self.scene.pressure else np.False_
-        if not high.any():
+        scene, pressure = self.scene, abs(controls.pressure)
+        high = pressure > PRESSURE if scene.pressure else np.zeros(len(pressure), bool)
+        fast = np.array(speeds) > self._fastest if speeds else np.zeros(len(pressure), bool)
+        if not (high | fast).any():
             return self.cuts
         cuts = self.cuts.copy()
-        for i in np.flatnonzero(high):
-            with np.errstate(all="ignore"):
-                stretch = 1 + strains(self.scene.grid, positions[[i]]).max()
-                load = abs(pressure[i]) * max(2 * stretch / STRETCH, 1.0)
-                load = 2 ** (np.ceil(4 * np.log2(load)) / 4)  # few different ones
-            cause = f"a pressure of {pressure[i]:g} Pa on cloth that it stretched {stretch:.3g} times"
-            cuts[i] = self._cut(self._stepped[i], float(load), cause)
+        for i in np.flatnonzero(high | fast).tolist():
+            load, speed, cause = PRESSURE, 0.0, "this material"
+            if fast[i] and scene.air:
+                speed = _rounded(min(4 * speeds[i] + scene.air.max_wind, SOUND))
+                cause = f"a speed of {speeds[i]:.3g} m/s"
+            if high[i]:
+                with np.errstate(all="ignore"):
+                    stretch = 1 + strains(scene.grid, old.positions[[i]]).max()
+                    load = _rounded(pressure[i] * max(2 * stretch / STRETCH, 1.0))
+                cause = f"a pressure of {controls.pressure[i]:g} Pa on cloth that it stretched {stretch:.3g} times"
+            cuts[i] = self._cut(self._stepped[i], load, speed, cause)
         return cuts
 
     def step(self, old: State, new: State, controls: Controls) -> None:
-        cuts = self._cuts(old.positions, controls.pressure)
-        self._kernel.advance(old, new, controls, self._felt, cuts, self.threads)
-        if cuts is not self.cuts and not np.isfinite(new.positions).all():
+        self.last_cuts = self._cuts(old, controls) if self.scene.pressure else self.cuts
+        given = old, new, controls, self._felt
+        speeds = self._kernel.advance(*given, self.last_cuts, self._fastest, self.threads)
+        if speeds:
+            self.last_cuts = self._cuts(old, controls, speeds)
+            self._kernel.advance(*given, self.last_cuts, np.inf, self.threads)
+        blown = self.scene.pressure and abs(controls.pressure).max() > BREEZE
+        if blown and not np.isfinite(new.positions.sum()):
             raise ValueError(
                 f"a pressure of {abs(controls.pressure).max():g} Pa burst the cloth: lower it, raise the cloth's "
                 "stretch_stiffness, or give a larger refine"

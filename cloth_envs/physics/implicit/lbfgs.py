@@ -9,6 +9,7 @@ from _minicloth_kernels import Contact, Potential
 
 ARMIJO = 1e-4
 MAX_HALVINGS = 30
+START = 1e-3  # of the residual that is enough, which a start may have to be the end
 
 
 class Secants:
@@ -80,6 +81,7 @@ def minimise(
 ) -> Minimum:
     """Descend from ``x`` ``(3 n,)`` until the residual is at most ``enough`` [m/s^2].
 
+    A start is left even if its own is: cloth that went on as it moves would keep that residual from step to step.
     Every iterate lies outside the bodies. In an iteration the loads of the contacts, hence the largest friction,
     are those of its start (a Tresca problem); at the end they are the contacts' own (Coulomb's law). A step is
     accepted when it lowers the potential with friction by 1e-4 of the slope, or, where rounding hides the change of
@@ -90,7 +92,7 @@ def minimise(
     energy = potential.evaluate(x, gradient)
     for iterations in range(max_iterations + 1):
         residual = contact.classify(x, gradient, mass, free)
-        if residual <= enough or iterations == max_iterations:
+        if residual <= (enough if iterations else START * enough) or iterations == max_iterations:
             break
         confine = partial(contact.confine, x)
         with_friction = gradient.copy()

@@ -22,7 +22,7 @@ class ImplicitSolver(Solver):
 
     ``x^ = x + h D v + h^2 phi g`` with the drag's exact ``D`` and ``phi``. A dashpot is a change of its spring's
     stiffness and length, the air a convex dissipation potential ``rho/2 A (C_n |u_n|^3 / 3 + C_l s u_n^2 / 2
-    + C_t |u_t|^3 / 3)`` on facets whose normals, areas and, for the lift, sliding speeds ``s = |u_t|`` are those at the
+    + C_t |u_t|^3 / 3)`` on cells whose normals, areas and, for the lift, sliding speeds ``s = |u_t|`` are those at the
     step's start; so is the pressure's force. The minimum is found by L-BFGS with the
     prefactored projective-dynamics matrix as initial Hessian (Liu, Bouaziz & Kavan 2017) and a line search.
 

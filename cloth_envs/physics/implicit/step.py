@@ -72,7 +72,6 @@ class ImplicitStep:
             self.decay = self.push = 1 / (1 + drag * tau)
         self._scale = SHARE * (1 + material.damping / tau)
         self._system = implicit_system(scene, material, tau * np.sqrt(self.push * self._scale))
-        self._lift = scene.air is not None and scene.air.lift > 0
         self._still = np.zeros((len(self.held), 3))
         # The springs of soft handles: which of the 3 n coordinates they hold, how stiffly, which places they have.
         stiffness = scene.grip_stiffness(material).T
@@ -106,8 +105,8 @@ class ImplicitStep:
         """``x1 = x + tau v1``, then ``x2 = x + (h - tau) v1 + tau v2``, the same for v; ``tau = (1 - 1/sqrt 2) h``.
 
         The acceleration of the first stage, without the reactions of contact (an impact is not repeated), is
-        ``(v1 - v) / tau``. Directions and areas come from places, and the air's sliding speeds from velocities, that
-        are right to O(h^2): order 2 stays. Where the air has lift this takes the first stage twice.
+        ``(v1 - v) / tau``. Directions and areas come from places, and the air's lagged speeds from velocities, that
+        are right to O(h^2): order 2 stays. Where there is air this takes the first stage twice.
         """
         rest, held = self.h - self.tau, self.held
         middle = s0 + GAMMA["sdirk2"] * (s1 - s0)
@@ -116,7 +115,7 @@ class ImplicitStep:
         base = x.copy()
         base[:, held] = place - self.tau * speed  # so that dashpots feel the handles' own velocity
         slide = v
-        for _ in range(2 if self._lift else 1):
+        for _ in range(1 if self.scene.air is None else 2):
             given = base, v, slide, x + self.tau * v, bodies0, bodies0, middle
             x1, v1, reaction = self._stage(drive, secants, x, *given)
             v1[:, held] = speed
@@ -147,7 +146,8 @@ class ImplicitStep:
 
         ``before`` is where the vertices were when the bodies ``(C, 2, 3)`` were at ``bodies_before`` (contact is swept
         from there), the decay of ``velocity`` by drag is still to come, ``along`` gives the directions of the dashpots
-        and the facets' normals and areas, the velocities ``slide`` how fast the air slides along facets for its lift.
+        and the cells' normals and areas, the velocities ``slide`` how fast the air slides along cells for its lift, and
+        passes through them for what it takes of corners that are faster than their cell.
         Touching vertices get the velocity of their body.
         """
         guess = base + self.tau * self.decay * velocity

@@ -15,6 +15,7 @@ NB_MODULE(_minicloth_kernels, m) {
   bind_admm(m);
   bind_implicit(m);
   bind_particles(m);
+  bind_count(m);
   bind_resample(m);
   bind_correct(m);
   bind_patch(m);

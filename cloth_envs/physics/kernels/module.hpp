@@ -9,6 +9,7 @@ void bind_explicit(nanobind::module_& m);
 void bind_admm(nanobind::module_& m);
 void bind_implicit(nanobind::module_& m);
 void bind_particles(nanobind::module_& m);
+void bind_count(nanobind::module_& m);
 void bind_resample(nanobind::module_& m);
 void bind_correct(nanobind::module_& m);
 void bind_patch(nanobind::module_& m);

@@ -35,7 +35,8 @@ def resolve_body(
 
     A vertex that comes closer than ``R = radius + thickness`` is put on the tangent plane where it
     came in, its normal velocity is raised to the body's, and its sliding velocity (and the way slid
-    in this substep) shrinks by at most ``friction`` times that change of velocity.
+    in this substep) shrinks by at most ``friction`` times that change of velocity. That plane does not turn with a
+    capsule: where it left a vertex inside, that is put on the surface.
     """
     radius = body.radius + thickness
     if body.kind == "plane":
@@ -57,7 +58,12 @@ def resolve_body(
     sliding = relative - speed * n
     size = np.sqrt(dot(sliding, sliding))
     hold = np.minimum(body.friction * stop / np.where(size > 0, size, 1), 1)
-    return x1 + np.where(touching, -gap, 0) * n - h * hold * sliding, v + stop * n - hold * sliding
+    x1 = x1 + np.where(touching, -gap, 0) * n - h * hold * sliding
+    if body.kind == "capsule":
+        p = x1 - on_axis(end, axis_parameter(end, x1))
+        size = np.sqrt(dot(p, p))
+        x1 = x1 + np.where((size > 0) & (size < radius), radius / np.where(size > 0, size, 1) - 1, 0) * p
+    return x1, v + stop * n - hold * sliding
 
 
 def entry_normal(p0: np.ndarray, p1: np.ndarray, radius: float) -> np.ndarray:

@@ -34,6 +34,25 @@ def handle_starts(scene: Scene, x: np.ndarray, v: np.ndarray, ends: np.ndarray) 
     return x[..., lead, :] + (ends - ends[..., lead, :]), v[..., lead, :]
 
 
+def _handles(
+    scene: Scene, old: State, now: State, controls: Controls, s: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Positions and velocities of the handles of ``now``, and of their paths at ``s``, ``(B, N, 3)``."""
+    handles = list(scene.handles)
+    x0, v0, x, v = (
+        flat(field)[..., handles].transpose(0, 2, 1)
+        for field in (old.positions, old.velocities, now.positions, now.velocities)
+    )
+    ends = controls.handle_positions
+    path, speed = hermite(s, scene.frame_dt, *handle_starts(scene, x0, v0, ends), ends, controls.handle_velocities)
+    return x, v, path, speed
+
+
+def _rate(scene: Scene, stiffness: np.ndarray) -> np.ndarray:
+    """Of the springs of soft handles, ``(B, N, 3)`` [1/s^2]; 0 of firm ones."""
+    return np.where(scene.holding.firm[:, None], 0.0, scene.holding.hold) * stiffness[:, None, None]
+
+
 def put_handles(
     scene: Scene, old: State, now: State, controls: Controls, s: float, stiffness: np.ndarray, h: float
 ) -> None:
@@ -44,17 +63,23 @@ def put_handles(
     ``x += e``, ``v += e / h`` with ``e = h^2 rate / (1 + h^2 rate) (path - x)``, implicit in the spring; nothing where
     ``h`` is 0.
     """
-    handles, firm = list(scene.handles), scene.holding.firm[:, None]
-    x0, v0, x, v = (
-        flat(field)[..., handles].transpose(0, 2, 1)
-        for field in (old.positions, old.velocities, now.positions, now.velocities)
-    )
-    ends = controls.handle_positions
-    path, speed = hermite(s, scene.frame_dt, *handle_starts(scene, x0, v0, ends), ends, controls.handle_velocities)
-    rate = np.where(firm, 0.0, scene.holding.hold) * stiffness[:, None, None]
+    firm, rate = scene.holding.firm[:, None], _rate(scene, stiffness)
+    x, v, path, speed = _handles(scene, old, now, controls, s)
     drawn = h * rate / (1 + h * h * rate) * (path - x)
     for array, value in (
         (now.positions, np.where(firm, path, x + h * drawn)),
         (now.velocities, np.where(firm, speed, v + drawn)),
     ):
-        array.reshape(len(array), 3, -1)[..., handles] = value.transpose(0, 2, 1)
+        array.reshape(len(array), 3, -1)[..., list(scene.handles)] = value.transpose(0, 2, 1)
+
+
+def pull_handles(
+    scene: Scene, old: State, now: State, controls: Controls, s: float, stiffness: np.ndarray, dt: float
+) -> None:
+    """Add to the soft handles' velocities what their springs do in ``dt`` [s] where they are at ``s`` of the frame.
+
+    ``v += dt rate (path - x)``; the rest is as in ``put_handles``.
+    """
+    x, v, path, _ = _handles(scene, old, now, controls, s)
+    pulled = v + dt * _rate(scene, stiffness) * (path - x)
+    now.velocities.reshape(len(v), 3, -1)[..., list(scene.handles)] = pulled.transpose(0, 2, 1)

@@ -4,7 +4,7 @@ import numpy as np
 
 from cloth_envs.physics.laws.air import air_forces, pressure_forces
 from cloth_envs.physics.laws.bodies import resolve_contact
-from cloth_envs.physics.laws.drives import bodies_at, put_handles
+from cloth_envs.physics.laws.drives import bodies_at, pull_handles, put_handles
 from cloth_envs.physics.laws.sheet import (
     Forces,
     Materials,
@@ -67,9 +67,11 @@ def step(
     ``v <- v D + (F + G) / m h phi`` with ``F`` springs with their dashpots and weight, ``G`` bending, air, pressure,
     ``D = exp(-drag h)``, ``phi = (1 - D) / (drag h)`` (exact for a constant force); half of it (h / 2) in a frame's
     first, and again at its end. Then ``x <- x + h v``, contact with every body in turn; handles go, or are drawn, to
-    their cubics (``put_handles``). ``G`` is that of the middle of the time for which it is held: of positions that go
-    on as they move, and for the air of velocities that go on changing as since it was last computed. Velocities at the
-    end are those that contact leaves of them if they go on for half a substep.
+    their cubics (``put_handles``); the springs of soft ones pull for half a substep more at the frame's end, and for
+    half less at its start, whose first substep draws them for a whole one (``pull_handles``). ``G`` is that of the
+    middle of the time for which it is held: of positions that go on as they move, and for the air of velocities that go
+    on changing as since it was last computed. Velocities at the end are those that contact leaves of them if they go on
+    for half a substep.
     """
     materials = [scene.material] * state.batch if materials is None else materials
     if isinstance(substeps, np.ndarray):
@@ -97,6 +99,8 @@ def _frame(scene: Scene, state: State, controls: Controls, count: int, held: int
             then.velocities = now.velocities + trend * (now.velocities - before)
             before, slow = now.velocities, slow_forces(scene, materials, then, controls)
         force = damped_spring_forces(scene.grid, materials, now.positions, now.velocities) + weight + slow
+        if substep == 0:
+            pull_handles(scene, old, now, controls, 0.0, stiffness, -h / 2)
         lost = part[substep] * decay
         push = h * part[substep] * np.divide(-np.expm1(-lost), lost, out=np.ones_like(lost), where=lost > 0) / mass
         now.velocities = now.velocities * np.exp(-lost) + force * push
@@ -112,6 +116,7 @@ def _frame(scene: Scene, state: State, controls: Controls, count: int, held: int
             resolve_contact(scene, trial, now.positions, now.colliders, ahead, h / 2)
             now.velocities = trial.velocities
         put_handles(scene, old, now, controls, s, stiffness, h if substep < count else 0.0)
+    pull_handles(scene, old, now, controls, 1.0, stiffness, h / 2)
     now.collider_velocities = np.array(controls.collider_velocities, np.float64)
     now.wind, now.pressure = controls.wind.copy(), controls.pressure.copy()
     now.time = old.time + scene.frame_dt

@@ -17,16 +17,13 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 import taichi as ti
 
 from cloth_envs.physics.explicit.bounds import stable_step
+from cloth_envs.physics.laws.air import OWN
 from cloth_envs.physics.laws.stencil import edges, quads
 from cloth_envs.scene import Air
 from cloth_envs.state import State
 from training.bench.peers.scenes import Peer, Setup, clock
 
 PAD = 2  # vertices of no stiffness around the grid: no neighbour is missing
-# Of a cell, both diagonals, by (row, column) from its first corner.
-TRIANGLES = (
-    ((0, 0), (1, 0), (1, 1)), ((0, 0), (1, 1), (0, 1)), ((0, 0), (1, 0), (0, 1)), ((1, 0), (1, 1), (0, 1)),
-)  # fmt: skip
 
 
 @cache
@@ -129,24 +126,23 @@ class TaichiCloth(Peer):
 
     @ti.func
     def air(self, wind):  # type: ignore[no-untyped-def]
-        """The law of ``laws.air`` on the triangles of both diagonals, each with half its force, added to ``f``."""
+        """The law of ``laws.air`` on cells, added to ``f``."""
         for i in range(PAD, PAD + self.rows - 1):
             for j in range(PAD, PAD + self.cols - 1):
-                for p, q, r in ti.static(TRIANGLES):
-                    a, b, c = (i + p[0], j + p[1]), (i + q[0], j + q[1]), (i + r[0], j + r[1])
-                    normal = (self.x[b] - self.x[a]).cross(self.x[c] - self.x[a])
-                    twice = ti.sqrt(normal.dot(normal)) + 1e-20
-                    n = normal / twice
-                    relative = (self.v[a] + self.v[b] + self.v[c]) / 3.0 - wind
-                    across = n.dot(relative)
-                    along = relative - across * n
-                    speed = ti.sqrt(along.dot(along))
-                    stress = (self.normal * ti.abs(across) + self.lift * speed) * across * n
-                    stress += self.tangential * speed * along
-                    force = -twice / 24.0 * stress
-                    self.f[a] = self.f[a] + force
-                    self.f[b] = self.f[b] + force
-                    self.f[c] = self.f[c] + force
+                ul, ur, ll, lr = (i, j), (i, j + 1), (i + 1, j), (i + 1, j + 1)
+                normal = (self.x[lr] - self.x[ul]).cross(self.x[ur] - self.x[ll])
+                twice = ti.sqrt(normal.dot(normal)) + 1e-20
+                n = normal / twice
+                mean = (self.v[ul] + self.v[ur] + self.v[ll] + self.v[lr]) / 4.0
+                relative = mean - wind
+                across = n.dot(relative)
+                along = relative - across * n
+                speed = ti.sqrt(along.dot(along))
+                rate = self.normal * ti.abs(across) + self.lift * speed
+                stress = rate * across * n + self.tangential * speed * along
+                for corner in ti.static((ul, ur, ll, lr)):
+                    own = self.v[corner] - mean
+                    self.f[corner] = self.f[corner] - twice / 16.0 * (stress + OWN * rate * own)
 
     @ti.func
     def settle(self, i, j, x, v, h):  # type: ignore[no-untyped-def]

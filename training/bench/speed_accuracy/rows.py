@@ -204,13 +204,16 @@ def front(rows: Sequence[SpeedAccuracyRow], value: str = "error") -> list[SpeedA
 
 
 def table(rows: Sequence[SpeedAccuracyRow]) -> str:
-    """Errors after every horizon, one line a method. An error in brackets is below the chaos floor."""
+    """Errors after every horizon, one line a method, and pairs of triangles that cross after the last one.
+
+    An error in brackets is below the chaos floor.
+    """
     lines = []
     horizons = sorted({r.frames for r in rows})
     for scene in dict.fromkeys(r.scene for r in rows):
         mine = {(r.family, r.options, r.frames): r for r in rows if r.scene == scene}
         heads = "".join(f"{f'{h} fr.':>10s}" for h in horizons)
-        lines.append(f"{scene:46s}{'ms (quartiles)':>22s}{heads}{'gate':>7s}{'long':>8s}")
+        lines.append(f"{scene:46s}{'ms (quartiles)':>22s}{heads}{'gate':>7s}{'long':>8s}{'pairs':>8s}")
         for family, options in dict.fromkeys((f, o) for f, o, _ in mine):
             found = [mine[family, options, h] for h in horizons if (family, options, h) in mine]
             r = found[-1]
@@ -219,6 +222,7 @@ def table(rows: Sequence[SpeedAccuracyRow]) -> str:
             gate = "" if np.isnan(r.gate) else f"{100 * r.gate:.0f}%"
             lines.append(
                 f"{label(family, options):46s}{time:>22s}{''.join(f'{t:>10s}' for t in texts)}{gate:>7s}{r.long:8.3g}"
+                + f"{r.crossings:8.3g}"
                 + (f"  {r.failure[:60]}" if r.failure else "")
             )
     return "\n".join(lines)

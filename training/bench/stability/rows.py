@@ -16,19 +16,21 @@ REASONS = {
     "energy": "energy",
     "tunnelling": "tunnel",
     "momentum": "momentum",
+    "crossing": "cross",
     "slow motion": "slow",
     "fast motion": "fast",
     "error": "error",
     "strained": "strain",
     "energy drift": "drift",
 }
-SOFT = ("slow motion", "fast motion", "error", "strained", "energy drift")  # it is wrong, but it stands
+SOFT = ("crossing", "slow motion", "fast motion", "error", "strained", "energy drift")  # it is wrong, but it stands
 NOTE = (
     "Yellow: every run passed. Grey: all stand, but are wrong. Dark blue: none survived. Cells that lost runs tell the "
     "commonest reason (of those that did not survive, if there are any), and how many passed if some did. None "
     "survives blow-up (not finite), stretch (an edge at twice its length), energy (a jump, or twice the truth's "
-    "kinetic energy and 1 J/kg), tunnel (a body went through the cloth), momentum (1 % from nowhere). Wrong are slow "
-    "and fast (mean height behind or ahead by over 5 % of its way within 0.5 s), error (vertices 5 % of the length off "
+    "kinetic energy and 1 J/kg), tunnel (a body went through the cloth), momentum (1 % from nowhere). Wrong are cross "
+    "(folds pass through each other where the truth's don't, in scenes with self-contact), slow and fast (mean height "
+    "behind or ahead by over 5 % of its way within 0.5 s), error (vertices 5 % of the length off "
     "after 0.2 s), strain (p99 over twice the truth's and 5 points), drift (0.25 m g H from nowhere). Truth: explicit "
     "at half its stable step, on the same grid; *: in some worlds of the cell it fails itself, and from then on there "
     "is nothing to compare with."
@@ -52,6 +54,7 @@ class Score:
         gate: mean height's largest difference from the truth's in 0.5 s over its way; chaos: so for the truth nudged
             by a millionth. error: mean distance of the vertices after 0.2 s over the length.
         truth: why the truth itself failed, or empty.
+        crossings, crossings_truth: most pairs of the cloth's own triangles that cross in a frame.
     """
 
     frames: int
@@ -72,6 +75,8 @@ class Score:
     chaos: float
     error: float
     truth: str
+    crossings: float = float("nan")
+    crossings_truth: float = float("nan")
 
 
 @dataclass(frozen=True)

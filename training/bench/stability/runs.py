@@ -15,7 +15,7 @@ from training.bench import measure
 from training.bench.participants import truth
 from training.bench.stability.rows import REASONS, Score
 from training.bench.stability.worlds import Stage
-from training.metrics.contact import tunnelled
+from training.metrics.contact import crossing_triangles, tunnelled
 from training.rollouts import nudge, stack_states
 
 TRUTH = truth("half")
@@ -80,6 +80,11 @@ class Run:
     def heights(self) -> np.ndarray:
         areas = self.scene.grid.areas
         return (self.rolled.positions[:, 2].astype(np.float64) * areas).sum((1, 2)) / areas.sum()
+
+    @cached_property
+    def crossings(self) -> np.ndarray:
+        """Pairs of the cloth's own triangles that cross at every frame."""
+        return crossing_triangles(self.scene.grid, self.rolled.positions)
 
     @cached_property
     def passed(self) -> np.ndarray:
@@ -171,6 +176,10 @@ def score(found: Run, true: Run, near: Run, frames: int) -> Score:
     first("energy drift", gained, f"{np.nan_to_num(drift).max():.2g} m g H from nowhere")
     first("tunnelling", passed > 0, f"{passed[-1]} vertices or triangles, truth {true.passed[:end][-1]}")
     first("momentum", momentum > DRIFT, f"drift {np.nan_to_num(momentum).max():.2g} of the sum of m |v|")
+    crossings, crossings_true = found.crossings[:end], true.crossings[:end]
+    if scene.self_contact is not None:
+        crossing = (crossings[:common] > 0) & (np.maximum.accumulate(crossings_true)[:common] == 0)
+        first("crossing", crossing, f"{crossings.max()} pairs of triangles cross, truth {crossings_true.max()}")
     fraction, difference, gaps = gate(found, true, frames)
     chaos = gate(near, true, frames)[0]
     if np.isfinite(fraction):
@@ -205,4 +214,6 @@ def score(found: Run, true: Run, near: Run, frames: int) -> Score:
         chaos=chaos,
         error=error,
         truth=true.failure if len(true.states) <= frames else "",
+        crossings=float(crossings.max()),
+        crossings_truth=float(crossings_true.max()),
     )

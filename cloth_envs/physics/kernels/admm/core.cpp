@@ -98,24 +98,39 @@ void Admm<T>::advance(const Frame<T>& f, const System<T>& system) const {
     const auto& steps = bodies.to(end);
     g.wrap(w.now.x), g.wrap(w.now.v);
     kernels.rest(g, T(m.damping / dt), w.now.x, w.rest);
-    if (air) kernels.air(g, blow, w.now, w.air);
     // The prediction x + h v + h^2 (g + f / m), with drag integrated exactly.
     const T keep = T(dt * decay), kick = T(dt * lag / m.areal_density), fall = T(dt * lag * sheet_.gravity);
     for (int k = 0; k < 3; ++k) {
       const T drop = k == 2 ? fall : T(0);
-      for (int i = g.begin; i < g.end; ++i) {
-        T force = 0;
-        if (air)
-          force = w.air.corner[0][k][i] + w.air.corner[1][k][i - 1] +
-                  (w.air.corner[2][k][i - g.stride - 1] + w.air.corner[3][k][i - g.stride]);
-        w.goal[k][i] = w.now.x[k][i] + keep * w.now.v[k][i] + (kick * g.inverse_area[i] * force - drop);
-        w.x[k][i] = w.goal[k][i];
-      }
+      for (int i = g.begin; i < g.end; ++i)
+        w.goal[k][i] = w.now.x[k][i] + (keep * w.now.v[k][i] - drop), w.x[k][i] = w.goal[k][i];
+    }
+    // The air's force at the velocities that x has without it, at first and again with what springs do half way.
+    const auto blown = [&](int k, int i) {
+      return kick * g.inverse_area[i] *
+             (w.air.corner[0][k][i] + w.air.corner[1][k][i - 1] +
+              (w.air.corner[2][k][i - g.stride - 1] + w.air.corner[3][k][i - g.stride]));
+    };
+    const auto blow_again = [&](bool first) {
+      for (int k = 0; k < 3; ++k)
+        for (int i = g.begin; i < g.end; ++i) {
+          const T before = first ? T(0) : blown(k, i);
+          w.now.v[k][i] = (w.x[k][i] - w.now.x[k][i] - before) / T(dt), w.goal[k][i] -= before;
+        }
+      g.wrap(w.now.v);
+      kernels.air(g, blow, w.now, w.air);
+      for (int k = 0; k < 3; ++k)
+        for (int i = g.begin; i < g.end; ++i) w.goal[k][i] += blown(k, i);
+    };
+    if (air) {
+      blow_again(true);
+      for (int k = 0; k < 3; ++k) std::copy(w.goal[k] + g.begin, w.goal[k] + g.end, w.x[k] + g.begin);
     }
     for (auto& edge : w.u.p)
       for (T* plane : edge) std::fill_n(plane, g.size, T(0));
     approach(steps, w);
     for (int k = 0; k < iterations_; ++k) {
+      if (air && k > 0 && k == iterations_ / 2) blow_again(false);
       put_positions(handles, end, w.x);
       g.wrap(w.x);
       kernels.local(g, terms, area_.data(), w.goal, w.x, w.u, w.rest, w.tail, w.residual);

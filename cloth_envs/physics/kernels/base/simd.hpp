@@ -148,10 +148,11 @@ inline T early(const T& a) {
 
 // Lanes of (a, b), picked by number: those of b follow those of a.
 using Places = decltype(V<float>{} < V<float>{});
-inline V<float> pick(const V<float>& a, const V<float>& b, const Places& number) {
+template <class T, class Number>
+inline T pick(const T& a, const T& b, const Number& number) {
 #if defined(__clang__)
-  constexpr int n = kLanes<float>;
-  V<float> r;
+  constexpr int n = int(sizeof(a) / sizeof(a[0]));
+  T r;
   for (int k = 0; k < n; ++k) r[k] = number[k] < n ? a[number[k]] : b[number[k] - n];
   return r;
 #else

@@ -31,5 +31,9 @@ template <class T>
 T dot(const Vec<T>& a, const Vec<T>& b) {
   return a.x * b.x + a.y * b.y + a.z * b.z;
 }
+template <class T>
+Vec<T> cross(const Vec<T>& a, const Vec<T>& b) {
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
 
 }  // namespace minicloth

@@ -5,6 +5,7 @@
 #include <utility>
 
 #include "../base/threads.hpp"
+#include "../selfcontact/core.hpp"
 #include "../sheet/air.hpp"
 #include "driven.hpp"
 
@@ -51,7 +52,7 @@ void put_slow(SlowTerms<T>& t, int l, const Material& m, const Sheet& sheet, con
   const AirTerms<T> air = air_terms(sheet, f);
   t.bend[l] = T(m.bend_stiffness), t.twist[l] = T(m.twist);
   t.normal[l] = air.normal, t.lift[l] = air.lift, t.tangential[l] = air.tangential;
-  t.half_pressure[l] = turned ? -air.half_pressure : air.half_pressure;  // normals turn round
+  t.pressure[l] = turned ? -air.pressure : air.pressure;  // normals turn round
   for (int k = 0; k < 3; ++k) t.wind[k][l] = air.wind[k];
 }
 
@@ -121,20 +122,28 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
   for (std::ptrdiff_t i = 0; i < s.field; i += width)
     for (int l = 0; l < width; ++l) f.y[i + l] = f.x[i + l] + full.damping[l] * f.v[i + l];
 
-  const int air = sheet_.air ? 2 : sheet_.pressure, held = substeps.held;
-  if (!bends && !air) std::fill_n(f.slow, s.field, T(0));
+  const auto slow_forces = kernels.slow[bends][sheet_.air][sheet_.pressure];
+  if (!slow_forces) std::fill_n(f.slow, s.field, T(0));
+  const int held = substeps.held;
+  const std::size_t folding = sheet_.self_thickness > 0 ? members.size() : 0;
+  thread_local std::vector<SelfContact<T>> selves;
+  if (selves.size() < folding) selves.resize(folding);
+  for (std::size_t m = 0; m < folding; ++m) selves[m].begin(sheet_, s, f, int(m), h, materials[members[m]].damping);
   for (int k = 0; k <= count; ++k) {
-    if (k % held == 0 && (bends || air)) {
+    if (slow_forces && k % held == 0) {
       const double later = middle(k, std::min(k + held, count + 1), count), since = k > held ? held : held - 0.5;
       std::fill_n(slow.later, width, T(h * later));
       slow.trend = T(k ? (later + 0.5) / since : 0);  // velocities are half a substep old, but at a frame's start
-      kernels.slow[bends][air](s, f, slow);
+      slow_forces(s, f, slow);
     }
+    if (k == 0) handles.pull(f, width, 0, -h / 2);
     const std::vector<BodyLanes<T>>& now = bodies.to((k + (k < count ? 1 : 0.5)) / count);
     const Part part = k == count ? Part::kLast : now.empty() ? Part::kFree : Part::kBodies;
     kernels.step[simple][int(part)](s, f, k == count ? last : k ? full : half, now);
     handles.hold(f, full, width, std::min(k + 1, count) / double(count), k < count ? h : 0);
+    for (std::size_t m = 0; k < count && m < folding; ++m) selves[m].step();
   }
+  handles.pull(f, width, 1, h / 2);
   bool finite = true;
   for (std::size_t m = 0; m < members.size(); ++m) {
     const Frame<T>& frame = frames[members[m]];

@@ -35,11 +35,11 @@ struct StepTerms {
 // The same of the slow forces.
 template <class T>
 struct SlowTerms {
-  alignas(64) Lanes<T> bend, twist;                  // N m, over a plate's
-  Lanes<T> normal, lift, tangential, half_pressure;  // AirTerms
-  Lanes<T> wind[3];                                  // m/s
-  Lanes<T> later;                                    // s, from now to the middle of the time that they are held
-  T trend;                                           // of the velocities since `past`, how much will be added by then
+  alignas(64) Lanes<T> bend, twist;             // N m, over a plate's
+  Lanes<T> normal, lift, tangential, pressure;  // AirTerms
+  Lanes<T> wind[3];                             // m/s
+  Lanes<T> later;                               // s, from now to the middle of the time that they are held
+  T trend;                                      // of the velocities since `past`, how much will be added by then
 };
 
 // A substep without bodies or with them, and the half kick at the end of a frame.
@@ -53,7 +53,7 @@ struct ExplicitLanes {
   Step step[2][3];  // [simple material][Part]
   // Bending and the air.
   using Slow = void (*)(const Strips<T>&, const Fields<T>&, const SlowTerms<T>&);
-  Slow slow[2][3];  // [bending][no air, pressure alone, air and pressure]
+  Slow slow[2][2][2];  // [bending][air][pressure]; none for none
 };
 DECLARE_LANES(ExplicitLanes<float>)
 DECLARE_LANES(ExplicitLanes<double>)

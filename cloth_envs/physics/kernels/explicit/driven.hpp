@@ -22,8 +22,8 @@ class HeldVertices {
         still_.push_back({h.at, {T(h.path[0].p0), T(h.path[1].p0), T(h.path[2].p0)}});
     }
   }
-  // At s of the frame, the end of a step of dt, which is 0 for the half kick at the end: firm ones are put on their
-  // paths, soft ones drawn there.
+  // At s of the frame, the end of a step of dt, which is 0 at the frame's end: firm ones are put on their paths, soft
+  // ones drawn there.
   void hold(const Fields<T>& f, const StepTerms<T>& terms, int width, double s, double dt) const {
     for (const Still& h : still_)
       for (int k = 0, at = h.at; k < 3; ++k, at += width) f.x[at] = f.y[at] = h.x[k], f.v[at] = T(0);
@@ -38,6 +38,13 @@ class HeldVertices {
         f.x[at] = x, f.v[at] = v, f.y[at] = x + damping * v;
       }
     }
+  }
+  // What the springs of soft ones, where they are at s, change of their velocities in dt. Half a step at a frame's end,
+  // and less as much at its start, whose first step draws them for a whole one.
+  void pull(const Fields<T>& f, int width, double s, double dt) const {
+    for (const Handle& h : moving_)
+      for (int k = 0, at = h.at; !h.firm() && k < 3; ++k, at += width)
+        f.v[at] += T(dt * h.rate[k] * (h.position(k, s) - f.x[at]));
   }
 
  private:

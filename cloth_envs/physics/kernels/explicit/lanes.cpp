@@ -14,8 +14,9 @@ const ExplicitLanes<T> instance = {
     kLanes<T>,
     {{step<T, false, Part::kFree>, step<T, false, Part::kBodies>, step<T, false, Part::kLast>},
      {step<T, true, Part::kFree>, step<T, true, Part::kBodies>, step<T, true, Part::kLast>}},
-    {{slow<T, false, kStill>, slow<T, false, kPressure>, slow<T, false, kMoving>},
-     {slow<T, true, kStill>, slow<T, true, kPressure>, slow<T, true, kMoving>}},
+    {{{nullptr, slow<T, false, false, true>}, {slow<T, false, true, false>, slow<T, false, true, true>}},
+     {{slow<T, true, false, false>, slow<T, true, false, true>},
+      {slow<T, true, true, false>, slow<T, true, true, true>}}},
 };
 
 }  // namespace

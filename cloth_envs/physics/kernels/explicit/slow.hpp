@@ -2,13 +2,11 @@
 #pragma once
 #include "../sheet/air.hpp"
 #include "core.hpp"
-#include "ghosts.hpp"
+#include "springs.hpp"
 
 namespace minicloth {
 namespace LANES {
 namespace {
-
-enum Air { kStill, kPressure, kMoving };
 
 // Bending in row r (Bergou et al. 2006): the second differences along rows and columns and the mixed one of cells.
 template <class T>
@@ -41,58 +39,59 @@ struct Bending {
 // The coefficients of air_force in every lane.
 template <class T>
 struct Blow {
-  V<T> normal, lift, tangential, half_pressure;
+  V<T> normal, lift, tangential;
 };
 
-// Forces on the four triangles of each cell, as in sheet/air.hpp, each half.
-template <class T, Air kAir>
+// Forces on the corners of each cell, as in sheet/air.hpp: of the air, of pressure or of both.
+template <class T, bool kAir, bool kPressure>
 void slow_air(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
-  constexpr int n = kLanes<T>, q = 3 * n;
+  constexpr int n = kLanes<T>, q = 3 * n, w = 4 * n;
   const V<T> normal = load(p.normal), lift = load(p.lift), tangential = load(p.tangential);
-  const V3<T> wind = {T(3) * load(p.wind[0]), T(3) * load(p.wind[1]), T(3) * load(p.wind[2])};
+  const V3<T> wind = {T(4) * load(p.wind[0]), T(4) * load(p.wind[1]), T(4) * load(p.wind[2])};
   const int cells = s.periodic ? s.cols : s.cols - 1;
-  std::fill_n(f.low - q, (s.cols + 2) * q, T(0));
+  std::fill_n(f.low - w, (s.cols + 2) * w, T(0));
+  const auto add = [&](int r, int c, const Pulls<T>& all) __attribute__((always_inline)) {
+    T* const to = f.slow + s.at(r, c);
+    V3<T> force = get<T>(to) + all.to;
+    if constexpr (kAir) force = force - all.over * get<T>(f.mid + s.at(r, c));
+    set<T>(to, force);
+  };
   for (int r = 0; r < s.rows; ++r) {
-    const V<T> part = load(s.cell.data() + r * n) / T(6);  // a third of half the force to each corner
-    const Blow<T> blow = {part * normal, part * lift, part * tangential, part * load(p.half_pressure)};
-    V3<T> own_before = {}, low_before = {};
-    const auto put_corners = [&](int c, const V3<T>& own, const V3<T>& low) __attribute__((always_inline)) {
-      T* const to = f.slow + s.at(r, c);
-      set<T>(to, (get<T>(to) + own) + get<T>(f.low + c * q));
-      set<T>(f.low + c * q, low);
+    const V<T> share = load(s.cell.data() + r * n), pressure = share * load(p.pressure);
+    const Blow<T> blow = {share * normal, share * lift, share * tangential};
+    const T *const x = f.ahead + s.at(r, 0), *const v = f.mid + s.at(r, 0);
+    Pulls<T> upper_before = {}, lower_before = {};  // on the right corners of the cell before
+    const auto put_corners = [&](int c, const Pulls<T>& upper, const Pulls<T>& lower) __attribute__((always_inline)) {
+      add(r, c, upper), add(r, c, get_pulls<T>(f.low + c * w));
+      set_pulls<T>(f.low + c * w, lower);
     };
+    V3<T> at = get<T>(x), below = get<T>(x + s.stride), pair = {};
+    if constexpr (kAir) pair = get<T>(v) + get<T>(v + s.stride);
     for (int c = 0; c < cells; ++c) {
-      const T *const x = f.ahead + s.at(r, c), *const v = f.mid + s.at(r, c);
-      const V3<T> at = get<T>(x), right = get<T>(x + q) - at, down = get<T>(x + s.stride) - at;
-      const V3<T> across = get<T>(x + s.stride + q) - at;
-      const V3<T> n1 = cross(down, across), n2 = cross(down, right), n3 = cross(across, right), n0 = (n1 + n3) - n2;
-      V3<T> v0, v1, v2, v3, sum;  // three times a triangle's velocity is the sum less the missing corner's
-      if constexpr (kAir == kMoving) {
-        v0 = get<T>(v), v1 = get<T>(v + q), v2 = get<T>(v + s.stride + q), v3 = get<T>(v + s.stride);
-        sum = (v0 + v1) + (v2 + v3) - wind;
+      const V3<T> beside = get<T>(x + (c + 1) * q), across = get<T>(x + s.stride + (c + 1) * q);
+      const V3<T> area = cross(across - at, beside - below);  // twice
+      Pulls<T> corner[4] = {};
+      if constexpr (kAir) {
+        const V3<T> next = get<T>(v + (c + 1) * q) + get<T>(v + s.stride + (c + 1) * q);
+        const Blown<T> blown = air_force(area, pair + next, wind, blow);
+        for (int k = 0; k < 4; ++k) corner[k] = {blown.to, blown.over};
+        pair = next;
       }
-      const auto force = [&](const V3<T>& m, const V3<T>& missing) __attribute__((always_inline)) {
-        if constexpr (kAir == kPressure)
-          return blow.half_pressure * m;
-        else
-          return air_force(m, sum - missing, blow);
-      };
-      const V3<T> f0 = force(n0, v0), f1 = force(n1, v1), f2 = force(n2, v2), f3 = force(n3, v3);
-      const V3<T> all = (f0 + f2) + (f1 + f3);
-      put_corners(c, own_before + (all - f0), low_before + (all - f3));
-      own_before = all - f1, low_before = all - f2;
+      if constexpr (kPressure) {
+        const Pressed<T> pressed(beside - at, across - at, below - at, area);
+        for (int k = 0; k < 4; ++k) corner[k].to = corner[k].to + pressure * pressed.corner[k];
+      }
+      put_corners(c, upper_before + corner[0], lower_before + corner[3]);
+      upper_before = corner[1], lower_before = corner[2];
+      at = beside, below = across;
     }
     if (s.periodic) {
-      T* const to = f.slow + s.at(r, 0);
-      set<T>(to, get<T>(to) + own_before), set<T>(f.low, get<T>(f.low) + low_before);
+      add(r, 0, upper_before), set_pulls<T>(f.low, get_pulls<T>(f.low) + lower_before);
     } else {
-      put_corners(cells, own_before, low_before);
+      put_corners(cells, upper_before, lower_before);
     }
   }
-  for (int c = 0; s.banded && c < s.cols; ++c) {
-    T* const to = f.slow + s.at(0, c);
-    set<T>(to, get<T>(to) + earlier(get<T>(f.low + c * q)));
-  }
+  for (int c = 0; s.banded && c < s.cols; ++c) add(0, c, earlier(get_pulls<T>(f.low + c * w)));
 }
 
 template <class T>
@@ -139,7 +138,7 @@ void slow_bending(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p)
 }
 
 // The forces in the middle of the time for which they are held, as positions and velocities let expect it.
-template <class T, bool kBend, Air kAir>
+template <class T, bool kBend, bool kAir, bool kPressure>
 void slow(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
   constexpr int q = 3 * kLanes<T>;
   const V<T> later = load(p.later), trend = V<T>{} + p.trend;
@@ -147,18 +146,18 @@ void slow(const Strips<T>& s, const Fields<T>& f, const SlowTerms<T>& p) {
     for (std::ptrdiff_t i = s.at(r, 0); i < s.at(r, s.cols); i += q) {
       const V3<T> v = get<T>(f.v + i);
       set<T>(f.ahead + i, get<T>(f.x + i) + later * v);
-      if constexpr (kAir == kMoving) {
+      if constexpr (kAir) {
         set<T>(f.mid + i, v + trend * (v - get<T>(f.past + i)));
         set<T>(f.past + i, v);
       }
     }
   ghosts(s, f.ahead, kBend ? 2 : 0, kBend ? 2 : 1);
-  if constexpr (kAir == kMoving) ghosts(s, f.mid, 0, 1);
+  if constexpr (kAir) ghosts(s, f.mid, 0, 1);
   if constexpr (kBend)
     slow_bending(s, f, p);
   else
     for (int r = 0; r < s.rows; ++r) std::fill_n(f.slow + s.at(r, 0), s.cols * q, T(0));
-  if constexpr (kAir != kStill) slow_air<T, kAir>(s, f, p);
+  if constexpr (kAir || kPressure) slow_air<T, kAir, kPressure>(s, f, p);
 }
 
 }  // namespace

@@ -4,6 +4,9 @@
 #include <cmath>
 #include <utility>
 
+#include "../base/vec.hpp"
+#include "../sheet/air.hpp"
+
 namespace minicloth {
 namespace {
 
@@ -27,7 +30,7 @@ Potential::Potential(Sheet sheet)
   for (auto [offset, weight] : {std::pair{2, &g.along_far}, std::pair{2 * g.stride, &g.down_far}})
     far_.push_back({offset, weight, Plane<double>(g.size, 0.0)});
   for (auto* plane : {&x_, &g_, &base_, &along_, &v_}) plane->assign(3 * g.size, 0.0);
-  air_.assign(20 * g.size, 0.0);
+  air_.assign(6 * g.size, 0.0);
   mass_.resize(vertices()), target_.resize(3 * vertices());
 }
 
@@ -65,34 +68,31 @@ void Potential::begin(const Stage& s) {
   }
   for (Far& e : far_) each([&](int i, int) { e.bend[i] = m.bend_stiffness * (*e.weight)[i]; });
 
-  // The facets as in sheet/air.hpp: number k is the one without corner k.
+  // Corners as in sheet/air.hpp.
   std::copy_n(s.wind, 3, wind_velocity_);
   std::fill(g_.begin(), g_.end(), 0.0);  // the pressure's force for now
   const int corner[4] = {0, 1, g.stride + 1, g.stride};
   if (sheet_.air) pad(s.velocity, v_);
+  const auto vector = [&](const Plane<double>& from, int i) -> Vec<double> {
+    return {from[i], from[g.size + i], from[2 * g.size + i]};
+  };
   if (sheet_.air || s.pressure != 0)
     each([&](int i, int) {
       if (g.cell[i] == 0) return;
+      Vec<double> x[4], u = {-s.wind[0], -s.wind[1], -s.wind[2]};
+      for (int k = 0; k < 4; ++k) x[k] = vector(along_, i + corner[k]), u = u + 0.25 * vector(v_, i + corner[k]);
+      const Vec<double> area = cross(x[2] - x[0], x[1] - x[3]);  // twice
       for (int k = 0; k < 4; ++k) {
-        const int p = corner[(k + 1) % 4], q = corner[(k + 2) % 4], r = corner[(k + 3) % 4];
-        double a[3], b[3];
-        for (int axis = 0; axis < 3; ++axis) {
-          const double* x = along_.data() + axis * g.size + i;
-          a[axis] = x[r] - x[p], b[axis] = x[q] - x[p];
-        }
-        const double cross[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
-        const double twice = std::sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2] + kTiny);
-        double u[3], through = 0, square = 0;
-        for (int axis = 0; axis < 3; ++axis) {
-          const double* v = v_.data() + axis * g.size + i;
-          u[axis] = (v[p] + v[q] + v[r]) / 3 - s.wind[axis];
-          through += u[axis] * cross[axis] / twice, square += u[axis] * u[axis];
-          air_[(5 * k + axis) * g.size + i] = cross[axis] / twice;
-          for (int at : {p, q, r}) g_[axis * g.size + i + at] += s.pressure * cross[axis] / 12;
-        }
-        air_[(5 * k + 3) * g.size + i] = twice / 8;
-        air_[(5 * k + 4) * g.size + i] = sheet_.air_lift * std::sqrt(std::max(square - through * through, 0.0));
+        const Vec<double>&p = x[(k + 1) % 4], &q = x[(k + 2) % 4], &r = x[(k + 3) % 4];
+        const Vec<double> push = s.pressure / 12 * (2.0 * area - cross(r - p, q - p));
+        double* const at = g_.data() + i + corner[k];
+        at[0] += push.x, at[g.size] += push.y, at[2 * g.size] += push.z;
       }
+      const double twice = std::sqrt(dot(area, area) + kTiny), through = dot(u, area) / twice;
+      const double slide = sheet_.air_lift * std::sqrt(std::max(dot(u, u) - through * through, 0.0));
+      const double own = kOwn * twice / 16 * (sheet_.air_normal * std::fabs(through) + slide);
+      const double all[6] = {area.x / twice, area.y / twice, area.z / twice, twice / 4, slide, own};
+      for (int k = 0; k < 6; ++k) air_[k * g.size + i] = all[k];
     });
   each([&](int i, int v) {
     const double area = 1 / g.inverse_area[i];
@@ -139,13 +139,8 @@ double Potential::evaluate(const double* x, double* gradient) {
     energy += kernels.linear(x_.data(), g_.data(), g.size, g.begin, g.end, e.offset, e.bend.data());
   if (sheet_.air) {
     for (std::size_t i = 0; i < 3 * g.size; ++i) v_[i] = (x_[i] - base_[i]) / tau_;
-    const int corner[4] = {0, 1, g.stride + 1, g.stride};
-    for (int k = 0; k < 4; ++k) {
-      const int three[3] = {corner[(k + 1) % 4], corner[(k + 2) % 4], corner[(k + 3) % 4]};
-      energy += tau_ * kernels.air(v_.data(), g_.data(), g.size, g.begin, g.end, three, air_.data() + 5 * k * g.size,
-                                   sheet_.air_normal, sheet_.air_tangential, wind_velocity_[0], wind_velocity_[1],
-                                   wind_velocity_[2]);
-    }
+    energy += tau_ * kernels.air(v_.data(), g_.data(), g.size, g.begin, g.end, g.stride, air_.data(), sheet_.air_normal,
+                                 sheet_.air_tangential, wind_velocity_[0], wind_velocity_[1], wind_velocity_[2]);
   }
   fold();
   double inertia = 0;

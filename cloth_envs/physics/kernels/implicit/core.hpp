@@ -27,8 +27,8 @@ struct ImplicitLanes {
                     const double* rest, const double* bend);
   // b |x_j - x_i|^2 / 2, with j = i + offset.
   double (*linear)(const double* x, double* g, std::size_t size, int begin, int end, int offset, const double* bend);
-  // The air on facets of three corners: see air_energy in sheet/air.hpp.
-  double (*air)(const double* v, double* g, std::size_t size, int begin, int end, const int* corners, const double* air,
+  // The air on cells: see air_energy in sheet/air.hpp.
+  double (*air)(const double* v, double* g, std::size_t size, int begin, int end, int stride, const double* air,
                 double normal, double tangential, double w0, double w1, double w2);
 };
 DECLARE_LANES(ImplicitLanes)
@@ -64,7 +64,7 @@ class Potential {
   std::vector<Springs> springs_;
   std::vector<Far> far_;
   Plane<double> x_, g_, base_, along_, v_;  // 3 * size, padded as Geometry says
-  Plane<double> air_;                       // 20 * size: what air_energy needs of the four facets of each cell
+  Plane<double> air_;                       // 6 * size: what air_energy needs of each cell
   std::vector<double> mass_, target_;
   struct Pull {
     int at;

@@ -21,13 +21,14 @@ void bind_sheet(nb::module_& m) {
       .def(
           "__init__",
           [](Sheet* self, int rows, int cols, double row_length, double col_length, bool periodic, double frame_dt,
-             double gravity, double thickness, bool air, bool pressure, double air_normal, double air_lift,
-             double air_tangential, std::vector<int> handles, std::vector<double> hold, std::vector<int> lead,
-             std::vector<Body> bodies) {
+             double gravity, double thickness, double self_thickness, double self_friction, bool air, bool pressure,
+             double air_normal, double air_lift, double air_tangential, std::vector<int> handles,
+             std::vector<double> hold, std::vector<int> lead, std::vector<Body> bodies) {
             need(rows >= 1 && cols >= 2, "a sheet has a row and two columns at least");
             for (int h : handles) need(h >= 0 && h < rows * cols, "a handle is not a vertex of the grid");
             need(hold.size() == 3 * handles.size() && lead.size() == handles.size(), "hold must be (N, 3), lead (N,)");
             for (double h : hold) need(h >= 0, "what holds a handle can't be negative");
+            need(self_thickness >= 0 && self_friction >= 0, "neither thickness nor friction can be negative");
             for (int h : lead) need(h >= 0 && h < int(handles.size()), "what leads a handle must be a handle");
             new (self) Sheet{rows,
                              cols,
@@ -37,6 +38,8 @@ void bind_sheet(nb::module_& m) {
                              frame_dt,
                              gravity,
                              thickness,
+                             self_thickness,
+                             self_friction,
                              air,
                              pressure,
                              air_normal,
@@ -48,9 +51,9 @@ void bind_sheet(nb::module_& m) {
                              std::move(bodies)};
           },
           nb::kw_only(), nb::arg("rows"), nb::arg("cols"), nb::arg("row_length"), nb::arg("col_length"),
-          nb::arg("periodic"), nb::arg("frame_dt"), nb::arg("gravity"), nb::arg("thickness"), nb::arg("air"),
-          nb::arg("pressure"), nb::arg("air_normal"), nb::arg("air_lift"), nb::arg("air_tangential"),
-          nb::arg("handles"), nb::arg("hold"), nb::arg("lead"), nb::arg("bodies"));
+          nb::arg("periodic"), nb::arg("frame_dt"), nb::arg("gravity"), nb::arg("thickness"), nb::arg("self_thickness"),
+          nb::arg("self_friction"), nb::arg("air"), nb::arg("pressure"), nb::arg("air_normal"), nb::arg("air_lift"),
+          nb::arg("air_tangential"), nb::arg("handles"), nb::arg("hold"), nb::arg("lead"), nb::arg("bodies"));
   nb::class_<Material>(m, "Material", "One cloth's material, as cloth_envs.material has it.")
       .def(
           "__init__",

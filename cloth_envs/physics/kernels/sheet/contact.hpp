@@ -101,6 +101,11 @@ inline void touch_shape(const BodyLanes<T>& b, const Moving<T>& m, const V3<T>& 
   const V<T> push = touching ? -gap : none, back = m.dt * hold;
   v = v + (stop * n - hold * slide);
   x = x + (push * n - back * slide);
+  if constexpr (kShape == Shape::kCapsule) {  // the tangent plane did not turn with it
+    const V3<T> p = x - axis_point<T>(b.after, nearest<T>(b.after, x));
+    const V<T> p2 = dot(p, p), out = p2 < m.radius2 ? m.radius * rsqrt(p2 + tiny<T>) - one : none;
+    x = x + out * p;
+  }
 }
 
 template <class T>

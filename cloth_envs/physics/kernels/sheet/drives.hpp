@@ -2,6 +2,7 @@
 #pragma once
 #include <cmath>
 #include <cstddef>
+#include <cstring>
 #include <vector>
 
 #include "bodies.hpp"
@@ -65,6 +66,31 @@ template <class T>
 void put_velocities(const std::vector<Handle>& handles, double s, T* const (&v)[3]) {
   for (const Handle& h : handles)
     for (int k = 0; h.firm() && k < 3; ++k) v[k][h.at] = T(h.velocity(k, s));
+}
+
+// The largest component of the velocities of cloth, handles and bodies in a frame [m/s]; NaN does not count.
+template <class T>
+double fastest(const Sheet& sheet, const Frame<T>& f) {
+  typedef T Four __attribute__((vector_size(4 * sizeof(T))));
+  const int n = sheet.rows * sheet.cols;
+  T most = 0;
+  const auto take = [&](double v) { most = std::fabs(T(v)) > most ? std::fabs(T(v)) : most; };
+  Four high = {}, low = {};
+  int i = 0;
+  for (Four v; i + 4 <= 3 * n; i += 4) {
+    std::memcpy(&v, f.v + i, sizeof v);
+    high = v > high ? v : high, low = v < low ? v : low;
+  }
+  for (int k = 0; k < 4; ++k) take(high[k]), take(low[k]);
+  for (; i < 3 * n; ++i) take(f.v[i]);
+  for (std::size_t h = 0; h < sheet.handles.size(); ++h)
+    for (int k = 0; k < 3; ++k) {
+      take(f.handle_v[3 * h + k]);
+      take((f.handle_x[3 * h + k] - f.x[k * n + sheet.handles[h]]) / sheet.frame_dt);
+    }
+  for (std::size_t b = 0; b < 6 * sheet.bodies.size(); ++b)
+    take(f.body_v[b]), take(f.body_v_end[b]), take((f.body_x_end[b] - f.body_x[b]) / sheet.frame_dt);
+  return most;
 }
 
 // The paths of the bodies' two points, (C, 2, 3).

@@ -17,6 +17,8 @@ struct Sheet {
   bool periodic;                  // a tube: the last column's neighbour is the first
   double frame_dt, gravity;       // s, m/s^2
   double thickness;               // m, added to the bodies' radii
+  double self_thickness;          // m, between layers of the cloth; 0 where they pass through each other
+  double self_friction;           // Coulomb's coefficient between layers
   bool air, pressure;
   double air_normal, air_lift, air_tangential;  // air density * coefficient [kg/m^3]
   std::vector<int> handles;                     // vertices

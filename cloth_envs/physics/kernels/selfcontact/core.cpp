@@ -1,0 +1,167 @@
+#include "core.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace minicloth {
+namespace {
+
+constexpr double kWindow = 0.012;                   // s, for how long ways are followed
+constexpr double kWatch = 0.8;                      // cells, up to which distance blocks are watched that are not close
+constexpr int kSoon = 8, kLate = 16;                // steps from a search to a check, between two checks at most
+constexpr double kCalm = 1, kStart = 5, kWild = 5;  // m/s, what speeds may change by until parts are looked at again
+constexpr int kEnd[3] = {1, 2, 3};                  // corners where edges of a cell end: right, below, diagonal
+
+template <class T>
+bool sooner(const Close<T>& a, const Close<T>& b) {
+  return a.at < b.at;
+}
+
+}  // namespace
+
+template <class T>
+void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<T>& f, int member, double h,
+                           double damping) {
+  layer_ = T(sheet.self_thickness), friction_ = T(sheet.self_friction), h_ = T(h), damping_ = T(damping);
+  strips_ = &s, f_ = f, member_ = member, cell_area_ = sheet.row_length * sheet.col_length;
+  haste_ = T(kStart), window_ = std::max(2 * kSoon, int(kWindow / h));
+  sweep_.shape(sheet.rows, sheet.cols, sheet.periodic);
+  mobility_.resize(s.field);
+  for (int i = 0; i < int(s.places.size()); ++i) {
+    const int r = i / sheet.cols, c = i % sheet.cols;
+    const bool row = r == 0 || r == sheet.rows - 1, col = !sheet.periodic && (c == 0 || c == sheet.cols - 1);
+    mobility_[s.places[i] + member] = T((row ? 2 : 1) * (col ? 2 : 1));
+  }
+  for (std::size_t i = 0; i < sheet.handles.size(); ++i)
+    if (std::isinf(sheet.hold[3 * i])) mobility_[s.places[sheet.handles[i]] + member] = 0;
+  for (int q = 0; q < 4; ++q) {
+    corner_[q].resize(s.places.size());
+    for (std::size_t i = 0; i < s.places.size(); ++i) corner_[q][i] = s.places[sweep_.corner[q][i]] + member;
+  }
+  crowd_.assign(s.field, 0), known_.assign(s.field, 0), before_.clear(), touched_.clear(), parts_.clear(),
+      sweep_.pairs.clear();
+  search();
+}
+
+template <class T>
+void SelfContact<T>::get(const T* field, Plane<T>& to) const {
+  const int n = int(strips_->places.size());
+  for (int k = 0; k < 3; ++k) {
+    const T* const from = field + k * strips_->width + member_;
+    T* const plane = to.data() + k * sweep_.plane;
+    for (int i = 0; i < n; ++i) plane[i] = from[strips_->places[i]];
+  }
+}
+
+// What may touch until the window ends.
+template <class T>
+void SelfContact<T>::search() {
+  get(f_.x, sweep_.x), get(f_.v, sweep_.v);
+  sweep_.time = sweep_.before = 0, sweep_.end = h_ * T(window_ + 1);
+  std::fill(sweep_.fresh.begin(), sweep_.fresh.end(), 1);
+  for (BlockPair<T>& pair : sweep_.pairs) pair.live = false;
+  remember();
+  sweep_.pairs.clear(), parts_.clear();
+  for (auto& kind : due_)
+    for (auto& due : kind) due.clear();
+  since_ = 0, check_ = kSoon;
+  find(true);
+}
+
+// The same again of blocks that strayed from their ways.
+template <class T>
+void SelfContact<T>::check() {
+  sweep_.time = h_ * T(since_);
+  get(f_.x, sweep_.x);
+  T far;
+  const double worst = lanes<NearLanes<T>>().stray(sweep_, layer_, &far);
+  haste_ = std::min(std::max(2 * far / sweep_.time, T(kCalm)), T(kWild));
+  const int fresh = int(std::count(sweep_.fresh.begin(), sweep_.fresh.end(), 1));
+  if (2 * fresh > sweep_.block_rows * sweep_.block_cols) return search();
+  if (!fresh) {  // what strays grows with the square of time
+    const double later = since_ * (std::sqrt(kTaken / std::max(worst, 1e-6)) - 1);
+    check_ = since_ + std::min(std::max(int(later), 2), kLate);
+    return;
+  }
+  check_ = since_ + kSoon;
+  get(f_.v, sweep_.v);
+  for (BlockPair<T>& pair : sweep_.pairs) pair.live &= !(sweep_.fresh[pair.a] | sweep_.fresh[pair.b]);
+  remember();
+  find(false);
+}
+
+template <class T>
+void SelfContact<T>::find(bool all) {
+  const auto& near = lanes<NearLanes<T>>();
+  near.boxes(sweep_, T(cell_area_), all);
+  near.blocks(sweep_, layer_, layer_, std::max(layer_, T(kWatch * std::sqrt(cell_area_))));
+  near.cells(sweep_, 2 * layer_);
+  first_.resize(sweep_.cells.size());
+  auto* const first = reinterpret_cast<std::uint8_t (*)[kParts + 1]>(first_.data());
+  near.parts(sweep_, {layer_, layer_ / 2, haste_, h_}, layer_, first);
+  for (std::size_t p = 0; p < sweep_.cells.size(); ++p)
+    if (first[p][kParts]) add(sweep_.cells[p], first[p]);
+}
+
+template <class T>
+void SelfContact<T>::add(const CellPair& cells, const std::uint8_t (&wait)[kParts + 1]) {
+  int at[2][4];
+  for (int q = 0; q < 4; ++q) at[0][q] = corner_[q][cells.first], at[1][q] = corner_[q][cells.second];
+  const auto missing = [&](const int (&cell)[4], int q) {  // an edge, as the sheet ends
+    return cell[0] == cell[q] || (q == 3 && (cell[0] == cell[1] || cell[0] == cell[2]));
+  };
+  for (int k = 0; k < kParts; ++k) {
+    if (!wait[k]) continue;
+    Close<T> part = {{}, {0, 0, 0}, cells.blocks, false};
+    std::array<int, 4>& x = part.at;
+    if (k < kVertexParts) {
+      const int (&t)[4] = at[1 - k / 2];
+      x = {at[k / 2][0], t[0], t[k % 2 ? 3 : 2], t[k % 2 ? 1 : 3]};
+      if (missing(t, 3) || x[0] == x[1] || x[0] == x[2] || x[0] == x[3]) continue;
+    } else {
+      const int e = kEnd[(k - kVertexParts) / 3], g = kEnd[(k - kVertexParts) % 3];
+      x = {at[0][0], at[0][e], at[1][0], at[1][g]};
+      if (missing(at[0], e) || missing(at[1], g)) continue;
+      if (x[0] == x[2] || x[0] == x[3] || x[1] == x[2] || x[1] == x[3]) continue;
+    }
+    if (known_[x[0]]) {
+      const auto found = std::lower_bound(before_.begin(), before_.end(), part, sooner<T>);
+      if (found != before_.end() && found->at == x) {
+        std::copy_n(found->side, 3, part.side), part.touched = true;
+        touched_.push_back(int(parts_.size()));
+      }
+    }
+    due_[k >= kVertexParts][(now_ + wait[k] - 1) % (kMostSteps + 1)].push_back(int(parts_.size()));
+    parts_.push_back(part);
+  }
+}
+
+// On which sides what touched is, before it is found again.
+template <class T>
+void SelfContact<T>::remember() {
+  for (const Close<T>& part : before_) known_[part.at[0]] = 0;
+  before_.clear();
+  const auto gone = [&](int part) {
+    if (sweep_.pairs[parts_[part].owner].live) return false;
+    before_.push_back(parts_[part]), known_[parts_[part].at[0]] = 1;
+    return true;
+  };
+  touched_.erase(std::remove_if(touched_.begin(), touched_.end(), gone), touched_.end());
+  std::sort(before_.begin(), before_.end(), sooner<T>);
+}
+
+template <class T>
+void SelfContact<T>::step() {
+  ++since_;
+  for (const bool edges : {false, true}) look(edges, due_[edges][now_]);
+  now_ = (now_ + 1) % (kMostSteps + 1);
+  if (since_ >= window_)
+    search();
+  else if (since_ >= check_)
+    check();
+}
+
+template class SelfContact<float>;
+template class SelfContact<double>;
+
+}  // namespace minicloth
