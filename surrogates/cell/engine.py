@@ -106,7 +106,10 @@ class TorchNet(ParticleSolver):
 
 
 class TorchSheet(CellSheet):
-    """``CellSheet`` in torch: on GPUs, and with forces plugged in; without self-contact."""
+    """``CellSheet`` in torch: on GPUs, and with forces plugged in; without self-contact.
+
+    Frames are cut for the shear of cells at their start alone.
+    """
 
     self_contact = False
 
@@ -134,7 +137,8 @@ class TorchSheet(CellSheet):
     def step(self, old: State, new: State, controls: Controls) -> None:
         like = self.cell.areas
         with torch.no_grad():
-            cuts = self._cuts(old, controls, self._kernel.speeds(old, new, controls))
+            cuts = self._cuts_of(old, controls, self._kernel.speeds(old, new, controls))
+            cuts = cuts[np.arange(self.num_envs), self._levels_of(old.positions)]
             for cut in np.unique(cuts, axis=0):
                 which = np.flatnonzero((cuts == cut).all(1))
                 part = Controls(**{name: value[which] for name, value in vars(controls).items()})
