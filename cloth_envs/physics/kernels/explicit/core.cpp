@@ -189,7 +189,8 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
 
 template <class T>
 double Explicit<T>::shear(const T* x) const {
-  return std::sqrt(double(lanes<ExplicitLanes<T>>().shear(sheet_, x)));
+  const double flat = 4 * sheet_.row_length * sheet_.col_length;
+  return lanes<ExplicitLanes<T>>().slant(sheet_.rows, sheet_.cols, x) / flat;
 }
 
 template <class T>

@@ -54,8 +54,8 @@ struct ExplicitLanes {
   // Bending and the air.
   using Slow = void (*)(const Strips<T>&, const Fields<T>&, const SlowTerms<T>&);
   Slow slow[2][2][2];  // [bending][air][pressure]; none for none
-  // Square of the sine of the largest shear of positions.
-  T (*shear)(const Sheet&, const T*);
+  // Of the shear of positions, see shear.hpp.
+  T (*slant)(int, int, const T*);
 };
 DECLARE_LANES(ExplicitLanes<float>)
 DECLARE_LANES(ExplicitLanes<double>)
@@ -79,7 +79,8 @@ class Explicit {
   // not depend on threads, nor on which cloths are in a batch.
   void advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
                const std::vector<Cuts>& cuts, int threads, int* levels) const;
-  // Sine of the largest shear of positions (3, H, W).
+  // The largest shear of positions (3, H, W), a sine: the mean over the four corners at an inner vertex, as long as
+  // edges have their lengths. Folded edges count for less.
   double shear(const T* x) const;
   std::size_t levels() const { return sheared_.size(); }
   const Sheet& sheet() const { return sheet_; }

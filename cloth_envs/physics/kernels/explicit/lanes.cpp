@@ -18,7 +18,7 @@ const ExplicitLanes<T> instance = {
     {{{nullptr, slow<T, false, false, true>}, {slow<T, false, true, false>, slow<T, false, true, true>}},
      {{slow<T, true, false, false>, slow<T, true, false, true>},
       {slow<T, true, true, false>, slow<T, true, true, true>}}},
-    shear<T>,
+    slant<T>,
 };
 
 }  // namespace

@@ -4,44 +4,38 @@
 #include <cstring>
 
 #include "../base/simd.hpp"
-#include "../sheet/sheet.hpp"
 
 namespace minicloth {
 namespace LANES {
 namespace {
 
-// Squares of the cosine between what leads from the vertex above to that below and from that on the left to that on the
-// right, in the lanes of W.
+// Of vertices in the lanes of W: what leads from the one above to the one below times what leads from left to right.
 template <class W, class T>
-inline W square_cosine(const T* x, std::ptrdiff_t vertices, std::ptrdiff_t cols) {
-  W ab = {}, aa = {}, bb = {};
+inline W slant(const T* x, std::ptrdiff_t vertices, std::ptrdiff_t cols) {
+  W product = {};
   for (int k = 0; k < 3; ++k, x += vertices) {
-    W ends[4];
-    std::memcpy(&ends[0], x - cols, sizeof(W)), std::memcpy(&ends[1], x + cols, sizeof(W));
-    std::memcpy(&ends[2], x - 1, sizeof(W)), std::memcpy(&ends[3], x + 1, sizeof(W));
-    const W a = ends[1] - ends[0], b = ends[3] - ends[2];
-    ab += a * b, aa += a * a, bb += b * b;
+    W up, down, left, right;
+    std::memcpy(&up, x - cols, sizeof up), std::memcpy(&down, x + cols, sizeof down);
+    std::memcpy(&left, x - 1, sizeof left), std::memcpy(&right, x + 1, sizeof right);
+    product += (down - up) * (right - left);
   }
-  return ab * ab / (aa * bb);
+  return product < 0 ? -product : product;
 }
 
-// The largest of the inner vertices of positions (3, H, W); NaN does not count.
+// The largest of the inner vertices of positions (3, H, W) [m^2]; NaN does not count.
 template <class T>
-T shear(const Sheet& sheet, const T* x) {
+T slant(int height, int width, const T* x) {
   constexpr int n = kLanes<T>;
-  const std::ptrdiff_t rows = sheet.rows, cols = sheet.cols;
+  const std::ptrdiff_t rows = height, cols = width;
   V<T> most = {};
   T last = 0;
   for (std::ptrdiff_t r = 1; r < rows - 1; ++r) {
     std::ptrdiff_t c = 1;
     for (; c + n < cols; c += n) {
-      const V<T> found = square_cosine<V<T>>(x + r * cols + c, rows * cols, cols);
+      const V<T> found = slant<V<T>>(x + r * cols + c, rows * cols, cols);
       most = found > most ? found : most;
     }
-    for (; c < cols - 1; ++c) {
-      const T found = square_cosine<T>(x + r * cols + c, rows * cols, cols);
-      last = found > last ? found : last;
-    }
+    for (; c < cols - 1; ++c) last = std::max(last, slant<T>(x + r * cols + c, rows * cols, cols));
   }
   for (int l = 0; l < n; ++l) last = std::max(last, T(most[l]));
   return last;
