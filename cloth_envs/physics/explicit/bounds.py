@@ -9,9 +9,10 @@ from cloth_envs.physics.solver import PRESSURE, air_bound, pressure_bound, stiff
 from cloth_envs.scene import Scene
 
 SAFETY = 0.9
-# Shear of cells for which a frame's steps are counted, and the largest at its start and end that takes them: waves on
-# cells sheared by up to 33 degrees are inside SAFETY.
-SHEARS = ((np.radians(15.0), np.radians(30.0)), (np.pi / 2, np.pi / 2))
+# How frames are cut: shear of cells for which steps are counted [rad], how many times as many are taken, and the sine of
+# shear at a frame's start and end up to which that holds. Waves on cells sheared by up to 33 degrees are inside SAFETY;
+# what is over 1 is stretched as well, as by steps that were too long.
+LEVELS = ((np.radians(15.0), 1, 0.5), (np.pi / 2, 1, 1.2), (np.pi / 2, 2, np.inf))
 UNDAMPED = 0.02  # damping times the largest frequency, below which nothing takes what a few sheared cells give
 RESONANCE = 12.0  # what slow forces, held, may do to fast waves over what damping takes of them, as in ``interval``
 HELD = 7  # substeps for which slow forces are held: docs/solvers.md has what more would save and cost
@@ -44,7 +45,7 @@ def directed_bound(scene: Scene, material: Material, shear: float) -> float:
 
 @lru_cache(maxsize=1024)  # an environment asks before it sets a material
 def stable_step(
-    scene: Scene, material: Material, pressure: float = PRESSURE, speed: float = 0.0, shear: float = SHEARS[0][0]
+    scene: Scene, material: Material, pressure: float = PRESSURE, speed: float = 0.0, shear: float = LEVELS[0][0]
 ) -> float:
     """The step ``h`` [s] for which ``h^2 K + 2 h C <= 4 M`` with safety 0.9.
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
-from cloth_envs.physics.explicit.bounds import HELD, SHEARS, interval, stable_step
+from cloth_envs.physics.explicit.bounds import HELD, LEVELS, interval, stable_step
 from cloth_envs.physics.laws.diagnostics import strains
 from cloth_envs.physics.solver import PRESSURE, STRETCH, Solver, fastest, kernel_material, kernel_sheet
 from cloth_envs.scene import Scene
@@ -62,10 +62,10 @@ class ExplicitSolver(Solver):
         self._fastest = fastest(scene)
         self._wanted = None if substeps is None else whole_number("substeps", substeps)
         kernel = kernels.Explicit32 if self.dtype == np.float32 else kernels.Explicit64
-        self._kernel = kernel(kernel_sheet(scene), [float(np.sin(most)) for _, most in SHEARS])
+        self._kernel = kernel(kernel_sheet(scene), [most for *_, most in LEVELS])
         self._stepped = [scene.material] * num_envs
         self._felt = [kernel_material(scene.material)] * num_envs
-        self._cuts = self._last = np.ones((num_envs, len(SHEARS), 2), np.int32)
+        self._cuts = self._last = np.ones((num_envs, len(LEVELS), 2), np.int32)
         self._levels = np.zeros(num_envs, np.int32)
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
@@ -98,11 +98,11 @@ class ExplicitSolver(Solver):
     def _cut(
         self, material: Material, pressure: float = PRESSURE, speed: float = 0.0, cause: str = "this material"
     ) -> list[tuple[int, int]]:
-        """How a frame is cut for each of ``SHEARS``. Raises ValueError: see ``_count``."""
+        """How a frame is cut for each of ``LEVELS``. Raises ValueError: see ``_count``."""
         scene, first, cuts = self.scene, self._count(material, pressure, speed, cause), []
-        for shear, _ in SHEARS:
+        for shear, times, _ in LEVELS:
             least = int(np.ceil(scene.frame_dt / stable_step(scene, material, pressure, speed, shear)))
-            count = max(first, least * self._refine)
+            count = max(first, least * self._refine) * times
             h = scene.frame_dt / count
             held = interval(scene, material, h, pressure, speed, loose=self._held is not None)
             cuts.append((count, min(held, HELD if self._held is None else self._held)))
@@ -151,8 +151,8 @@ class ExplicitSolver(Solver):
         return cuts
 
     def _levels_of(self, positions: np.ndarray) -> np.ndarray:
-        """Which of ``SHEARS`` holds cloths at ``positions`` (B, 3, H, W)."""
-        return np.searchsorted(np.sin([most for _, most in SHEARS[:-1]]), self._kernel.shear(positions))
+        """Which of ``LEVELS`` holds cloths at ``positions`` (B, 3, H, W)."""
+        return np.searchsorted([most for *_, most in LEVELS], self._kernel.shear(positions))
 
     def step(self, old: State, new: State, controls: Controls) -> None:
         self._last = self._cuts_of(old, controls) if self.scene.pressure else self._cuts
