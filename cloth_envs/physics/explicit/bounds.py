@@ -9,7 +9,7 @@ from cloth_envs.physics.solver import PRESSURE, air_bound, pressure_bound, stiff
 from cloth_envs.scene import Scene
 
 SAFETY = 0.9
-# How frames are cut: shear of cells for which steps are counted [rad], how many times as many are taken, and the sine of
+# How frames are cut: shear for which steps are counted [rad], how many times as many are taken, and the sine of cells'
 # shear at a frame's start and end up to which that holds. Waves on cells sheared by up to 33 degrees are inside SAFETY;
 # what is over 1 is stretched as well, as by steps that were too long.
 LEVELS = ((np.radians(15.0), 1, 0.5), (np.pi / 2, 1, 1.2), (np.pi / 2, 2, np.inf))
@@ -52,9 +52,9 @@ def stable_step(
     With the damping force taken at the velocity half a step before, each mode has the
     characteristic polynomial ``z^2 - (2 - h c - h^2 k) z + (1 - h c)``; its roots stay in the unit
     circle while ``h^2 k + 2 h c <= 4``. ``k`` holds springs (``directed_bound`` of ``shear`` [rad]), bending and, where
-    the scene has it, ``pressure`` [Pa]; ``c`` the dashpots (``damping`` times the springs' stiffness) and the slope of the air's force
-    (``air_bound``) up to ``speed`` [m/s]. Every spring adds the larger of what it adds lengthened and shortened, so the
-    step is the smaller one of a sheet of either.
+    the scene has it, ``pressure`` [Pa]; ``c`` the dashpots (``damping`` times the springs' stiffness) and the slope of
+    the air's force (``air_bound``) up to ``speed`` [m/s]. Every spring adds the larger of what it adds lengthened and
+    shortened, so the step is the smaller one of a sheet of either.
     """
     springs = directed_bound(scene, material, shear)
     other = stiffness_bound(scene, material)[1] + pressure_bound(scene, material, pressure)

@@ -29,7 +29,8 @@ class ExplicitSolver(Solver):
     The number of substeps comes from a bound on the spectrum (``stable_step``), so every
     material that is not refused is stable; a frame in a pressure of over 100 Pa, or of something faster than 12 m/s and
     twice the wind, is stepped in as many more as that needs, and one at whose start or end cells are sheared by over 30
-    degrees, or whose end is not finite, in up to 1.3 times as many. Handles and bodies move on cubics through the frame.
+    degrees in about 1.3 times as many, or, where they are stretched as well or not finite, twice those. Handles and
+    bodies move on cubics through the frame.
 
     Args, beside those of ``Solver``:
         substeps: per frame, instead of the largest stable step; not below the stable number of cloth that is sheared
