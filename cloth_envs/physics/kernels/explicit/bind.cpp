@@ -72,8 +72,8 @@ void bind_explicit(nb::module_& m, const char* name) {
            "sines `sheared`; levels (B,) says which were taken. Where something is faster than most [m/s], nothing is "
            "done but to return the speeds.")
       .def("shear", &shear_explicit<T>, nb::arg("positions"),
-           "Sine of the largest shear of each cloth, (B,), of positions (B, 3, H, W): between the ways from neighbour "
-           "to neighbour of an inner vertex along its row and its column.")
+           "The largest shear of each cloth, (B,), of positions (B, 3, H, W): the mean sine at an inner vertex's four "
+           "corners, as long as edges have their lengths.")
       .def("speeds", &speeds_explicit<T>, nb::arg("old"), nb::arg("new"), nb::arg("controls"),
            "The largest speed of cloth, handles or bodies in each cloth's frame [m/s].");
 }
