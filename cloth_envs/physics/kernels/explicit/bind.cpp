@@ -30,10 +30,10 @@ std::vector<double> advance_explicit(const Explicit<T>& solver, const PythonStat
   const std::size_t batch = frames().size(), count = solver.levels();
   need(materials.size() == batch && shaped(substeps, {batch, count, 2}) && shaped(levels, {batch}),
        "materials and levels must be B, substeps (B, L, 2)");
-  std::vector<Cuts> cuts(batch);
+  std::vector<Cuts> cuts(batch, Cuts(count));
   for (std::size_t b = 0; b < batch; ++b)
     for (std::size_t l = 0; l < count; ++l) {
-      cuts[b].push_back({substeps(b, l, 0), substeps(b, l, 1)});
+      cuts[b][l] = {substeps(b, l, 0), substeps(b, l, 1)};
       need(cuts[b][l].count >= 1 && cuts[b][l].held >= 1, "substeps must be at least 1");
     }
   need(threads >= 1, "threads must be at least 1");
