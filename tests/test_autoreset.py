@@ -18,7 +18,8 @@ from cloth_envs.failure import Failures
 N, LIMIT, FRAMES, SEED = 3, 6, 14, 1  # members; frames of an episode; frames stepped; first seed
 NEXT, SAME, DISABLED = AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP, AutoresetMode.DISABLED
 SMALL = {"resolution": (13, 9), "randomize": {"areal_density": [0.15, 0.3]}, "max_episode_steps": LIMIT}
-# Scene and backend, and the strain at which some members fail and others reach LIMIT.
+# Scene and backend, and the strain at which some members fail and others reach LIMIT: on 9 x 13 vertices chance, of the
+# miniature's three 0.117, 0.138 and 0.101.
 Case = tuple[str, dict[str, Any], float]
 LOCAL = {"scaling": "closure", "upscaler": "local"}
 CASES: dict[str, Case] = {

@@ -182,28 +182,28 @@ def test_free_fall(scheme: str) -> None:
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize(
-    ("changes", "frame_dt", "wind"),
+    ("changes", "frame_dt", "wind", "tolerance"),
     [
-        ({"stretch_stiffness": 125.0, "shear_stiffness": 40.0}, 0.04, 4.0),
-        ({"stretch_stiffness": 8000.0, "shear_stiffness": 2400.0}, 0.04, 4.0),
-        ({"areal_density": 0.067}, 0.04, 4.0),
-        ({"areal_density": 0.6}, 0.04, 4.0),
-        ({"damping": 1e-2}, 0.04, 4.0),
-        ({}, 0.02, 4.0),
-        ({}, 0.16, 3.0),  # at 3.5 to 4.5 m/s 2 of 31 winds end above the bound below
-        ({}, 0.04, 0.0),
-        ({}, 0.04, 12.0),
+        ({"stretch_stiffness": 125.0, "shear_stiffness": 40.0}, 0.04, 4.0, 0.02),
+        ({"stretch_stiffness": 8000.0, "shear_stiffness": 2400.0}, 0.04, 4.0, 0.02),
+        ({"areal_density": 0.067}, 0.04, 4.0, 0.02),
+        ({"areal_density": 0.6}, 0.04, 4.0, 0.02),
+        ({"damping": 1e-2}, 0.04, 4.0, 0.02),
+        ({}, 0.02, 4.0, 0.02),
+        ({}, 0.16, 4.0, 0.002),  # solved to 0.02, 1 of 31 winds from 3.5 to 4.5 m/s strains an edge by over 0.2
+        ({}, 0.04, 0.0, 0.02),
+        ({}, 0.04, 12.0, 0.02),
     ],
 )
 def test_no_material_frame_or_wind_blows_it_up(
-    changes: dict[str, float], frame_dt: float, wind: float, scheme: str
+    changes: dict[str, float], frame_dt: float, wind: float, tolerance: float, scheme: str
 ) -> None:
     grid, cloth = Grid(11, 9, 0.6, 0.5), CLOTH.with_changes(**changes)
     scene = Scene("flag", grid, cloth, frame_dt, tuple(range(9)), air=Air(max_wind=12.0))
     state = State.still(sheet(grid, down=(0, 0, -1)))
     controls = Controls.hold(state, scene.handles)
     controls.wind[:] = np.array([0.8, 0.6, 0.0]) * wind
-    solver = ImplicitSolver(scene, scheme=scheme, tolerance=0.02, max_iterations=1000)
+    solver = ImplicitSolver(scene, scheme=scheme, tolerance=tolerance, max_iterations=4000)
     solver.reset(state)
     for _ in range(12):
         now = solver.advance(controls)

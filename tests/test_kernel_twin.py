@@ -133,6 +133,17 @@ def test_one_substep_of_each_term(grid: Grid, term: str) -> None:
     compare(scene, crumpled(grid, 2), materials, "float64", 1e-10)
 
 
+@pytest.mark.parametrize("grid", GRIDS.values(), ids=GRIDS.keys())
+def test_shear_is_the_mean_over_the_corners_at_an_inner_vertex(grid: Grid) -> None:
+    x = crumpled(grid, 3).positions
+    edges = [x[..., rows, 1:-1] - x[..., 1:-1, 1:-1] for rows in (slice(None, -2), slice(2, None))]
+    edges += [x[..., 1:-1, cols] - x[..., 1:-1, 1:-1] for cols in (slice(None, -2), slice(2, None))]
+    signs = [(0, 2, 1), (1, 3, 1), (0, 3, -1), (1, 2, -1)]
+    sines = sum(sign * (edges[i] * edges[j]).sum(1) for i, j, sign in signs) / (4 * grid.row_spacing * grid.col_spacing)
+    solver = ExplicitSolver(Scene("shear", grid, NOTHING, 1e-5), num_envs=3, dtype="float64")
+    np.testing.assert_allclose(solver._kernel.shear(x), abs(sines).max((1, 2)), rtol=1e-12)
+
+
 @pytest.mark.parametrize("kind", ["sphere", "plane", "capsule"])
 @pytest.mark.parametrize("friction", [0.0, 0.5, 5.0])
 def test_one_substep_of_contact(kind: str, friction: float) -> None:

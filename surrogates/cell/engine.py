@@ -132,14 +132,23 @@ class TorchSheet(CellSheet):
             self._materials[i] = material
 
     def step(self, old: State, new: State, controls: Controls) -> None:
-        like = self.cell.areas
+        cuts = self._cuts_of(old, controls, self._kernel.speeds(old, new, controls))
+        members, levels = np.arange(self.num_envs), self._levels_of(old.positions)
+        todo = members
         with torch.no_grad():
-            cuts = self._cuts(old, controls, self._kernel.speeds(old, new, controls))
-            for cut in np.unique(cuts, axis=0):
-                which = np.flatnonzero((cuts == cut).all(1))
-                part = Controls(**{name: value[which] for name, value in vars(controls).items()})
-                start = old.select(which)
-                x, v = (torch.as_tensor(a).to(like) for a in (start.positions, start.velocities))
-                sheets = properties([self._materials[i] for i in which], like)
-                x, v = frame(self.cell, self.scene, sheets, x, v, start, part, int(cut[0]), int(cut[1]), self._forces)
-                new.positions[which], new.velocities[which] = x.cpu().numpy(), v.cpu().numpy()
+            while len(todo):
+                taken = cuts[members, levels]
+                for cut in np.unique(taken[todo], axis=0):
+                    self._frame(todo[(taken[todo] == cut).all(1)], cut, old, new, controls)
+                levels = np.maximum(levels, self._levels_of(new.positions))
+                todo = np.flatnonzero((cuts[members, levels] != taken).any(1))
+
+    def _frame(self, which: np.ndarray, cut: np.ndarray, old: State, new: State, controls: Controls) -> None:
+        """Step some members with one cut."""
+        like = self.cell.areas
+        part = Controls(**{name: value[which] for name, value in vars(controls).items()})
+        start = old.select(which)
+        x, v = (torch.as_tensor(a).to(like) for a in (start.positions, start.velocities))
+        sheets = properties([self._materials[i] for i in which], like)
+        x, v = frame(self.cell, self.scene, sheets, x, v, start, part, int(cut[0]), int(cut[1]), self._forces)
+        new.positions[which], new.velocities[which] = x.cpu().numpy(), v.cpu().numpy()

@@ -112,6 +112,7 @@ def test_a_tilted_sheet_glides(degrees: float) -> None:
     assert found[0] > 0.25 * -found[2]  # forward, down the slope
 
 
+# Near its onset a flag's droop is chance: silk's is 0.66-0.86 at 1 m/s for twelve waves of 8-13 mm, 0.82-0.91 at 0.9.
 @pytest.mark.parametrize(("fabric", "limp", "flies"), [("silk", 0.9, 1.5), ("default", 1.0, 2.0), ("denim", 2.0, 3.5)])
 def test_a_flag_flaps_the_faster_the_stronger_the_wind(fabric: str, limp: float, flies: float) -> None:
     grid, winds, steady = Grid(13, 19, 1.0, 1.5), np.array([limp, flies, 3.5, 6.0, 12.0]), slice(400, None)

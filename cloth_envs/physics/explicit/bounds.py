@@ -9,58 +9,54 @@ from cloth_envs.physics.solver import PRESSURE, air_bound, pressure_bound, stiff
 from cloth_envs.scene import Scene
 
 SAFETY = 0.9
-SHEAR = np.radians(15.0)  # of a cell, up to which its springs are bounded by their directions
-LOAD = 0.017  # strain of threads under loads that shear whole regions of cells alike
+# How frames are cut: shear for which steps are counted [rad], how many times as many are taken, and the sine of cells'
+# shear at a frame's start and end up to which that holds. Waves on cells sheared by up to 33 degrees are inside SAFETY;
+# what is over 1 is stretched as well, as by steps that were too long.
+LEVELS = ((np.radians(15.0), 1, 0.5), (np.pi / 2, 1, 1.2), (np.pi / 2, 2, np.inf))
 UNDAMPED = 0.02  # damping times the largest frequency, below which nothing takes what a few sheared cells give
 RESONANCE = 12.0  # what slow forces, held, may do to fast waves over what damping takes of them, as in ``interval``
 HELD = 7  # substeps for which slow forces are held: docs/solvers.md has what more would save and cost
 
+_P, _Q = np.meshgrid(*2 * [np.linspace(-np.pi, np.pi, 33)])
+WAVES = 2 - 2 * np.cos([_Q.ravel(), _P.ravel(), (_P + _Q).ravel(), (_P - _Q).ravel()])  # along columns, rows, diagonals
 
-def directed_bound(scene: Scene, material: Material) -> float:
+
+def directed_bound(scene: Scene, material: Material, shear: float) -> float:
     """Largest eigenvalue of ``M^-1 K`` for springs that act along themselves only [1/s^2].
 
     ``K`` of a spring is ``k d d^T``, ``d`` its direction: what neighbours along a row and along a column do to a vertex
     does not add up, as in ``stiffness_bound``. On an even grid waves ``exp(i (p r + q c))`` are eigenvectors; a free
     border with its halved masses and springs is one mirrored about it. The largest over all waves, of flat cells and of
-    cells sheared by ``SHEAR`` or, where shear is weak, by what loads that strain the threads by ``LOAD`` make of them:
-    ``tan(angle) = LOAD stretch / shear``, at 90 degrees the bound of ``stiffness_bound``. Cells sheared by 15 to 33
-    degrees are inside ``SAFETY``, and further ones seldom all alike: damping then takes what they gain, and cloth with
-    next to none is bounded for 90 degrees (docs/physics.md).
+    cells sheared by ``shear`` [rad], at 90 degrees the bound of ``stiffness_bound``; cloth with next to no damping is
+    bounded for these.
     """
     grid, worst = scene.grid, 0.0
     a, b, stretch = grid.row_spacing, grid.col_spacing, material.stretch_stiffness
-    shear = material.shear_stiffness * (a * a + b * b) / (2 * a * b)
-    p, q = np.meshgrid(*2 * [np.linspace(-np.pi, np.pi, 33)])
-    sheared = max(SHEAR, np.arctan2(LOAD * stretch, material.shear_stiffness))
-    if material.damping * np.sqrt(stiffness_bound(scene, material)[0]) < UNDAMPED:
-        sheared = np.pi / 2
-    for angle in (0.0, sheared):
+    diagonal = material.shear_stiffness * (a * a + b * b) / (2 * a * b)
+    stiffness = np.array([stretch * a / b, stretch * b / a, diagonal, diagonal])
+    undamped = material.damping * np.sqrt(stiffness_bound(scene, material)[0]) < UNDAMPED
+    for angle in (0.0, np.pi / 2 if undamped else shear):
         col, row = np.array([b, 0.0]), a * np.array([np.sin(angle), np.cos(angle)])
-        matrix = np.zeros((*p.shape, 2, 2))
-        edges = [
-            (col, q, stretch * a / b),
-            (row, p, stretch * b / a),
-            (row + col, p + q, shear),
-            (row - col, p - q, shear),
-        ]
-        for d, phase, k in edges:
-            matrix += (k * (2 - 2 * np.cos(phase)))[..., None, None] * np.outer(d, d) / (d @ d)
-        worst = max(worst, float(np.linalg.eigvalsh(matrix)[..., -1].max()))
+        x, y = np.array([col, row, row + col, row - col]).T
+        xx, yy, xy = stiffness / (x * x + y * y) * [x * x, y * y, x * y] @ WAVES
+        worst = max(worst, float(((xx + yy) / 2 + np.hypot((xx - yy) / 2, xy)).max()))
     return worst / (material.areal_density * a * b)
 
 
 @lru_cache(maxsize=1024)  # an environment asks before it sets a material
-def stable_step(scene: Scene, material: Material, pressure: float = PRESSURE, speed: float = 0.0) -> float:
+def stable_step(
+    scene: Scene, material: Material, pressure: float = PRESSURE, speed: float = 0.0, shear: float = LEVELS[0][0]
+) -> float:
     """The step ``h`` [s] for which ``h^2 K + 2 h C <= 4 M`` with safety 0.9.
 
     With the damping force taken at the velocity half a step before, each mode has the
     characteristic polynomial ``z^2 - (2 - h c - h^2 k) z + (1 - h c)``; its roots stay in the unit
-    circle while ``h^2 k + 2 h c <= 4``. ``k`` holds springs (``directed_bound``), bending and, where the scene has it,
-    ``pressure`` [Pa]; ``c`` the dashpots (``damping`` times the springs' stiffness) and the slope of the air's force
-    (``air_bound``) up to ``speed`` [m/s]. Every spring adds the larger of what it adds lengthened and shortened, so the
-    step is the smaller one of a sheet of either.
+    circle while ``h^2 k + 2 h c <= 4``. ``k`` holds springs (``directed_bound`` of ``shear`` [rad]), bending and, where
+    the scene has it, ``pressure`` [Pa]; ``c`` the dashpots (``damping`` times the springs' stiffness) and the slope of
+    the air's force (``air_bound``) up to ``speed`` [m/s]. Every spring adds the larger of what it adds lengthened and
+    shortened, so the step is the smaller one of a sheet of either.
     """
-    springs = directed_bound(scene, material)
+    springs = directed_bound(scene, material, shear)
     other = stiffness_bound(scene, material)[1] + pressure_bound(scene, material, pressure)
     air = air_bound(scene, material, pressure, speed)
 

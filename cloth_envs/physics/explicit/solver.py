@@ -7,7 +7,7 @@ import numpy as np
 
 from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
-from cloth_envs.physics.explicit.bounds import HELD, interval, stable_step
+from cloth_envs.physics.explicit.bounds import HELD, LEVELS, interval, stable_step
 from cloth_envs.physics.laws.diagnostics import strains
 from cloth_envs.physics.solver import PRESSURE, STRETCH, Solver, fastest, kernel_material, kernel_sheet
 from cloth_envs.scene import Scene
@@ -28,10 +28,13 @@ class ExplicitSolver(Solver):
 
     The number of substeps comes from a bound on the spectrum (``stable_step``), so every
     material that is not refused is stable; a frame in a pressure of over 100 Pa, or of something faster than 12 m/s and
-    twice the wind, is stepped in as many more as that needs. Handles and bodies move on cubics through the frame.
+    twice the wind, is stepped in as many more as that needs, and one at whose start or end cells are sheared by over 30
+    degrees in about 1.3 times as many, or, where they are stretched as well or not finite, twice those. Handles and
+    bodies move on cubics through the frame.
 
     Args, beside those of ``Solver``:
-        substeps: per frame, instead of the largest stable step; not below the stable number.
+        substeps: per frame, instead of the largest stable step; not below the stable number of cloth that is sheared
+            by up to 30 degrees, more where it is sheared further and needs them.
         refine: multiplies the number of substeps (4 for truth).
         held: for how many substeps bending and the air are held, at most; fewer where they would not be stable. By
             default up to 7, fewer where the air's rate or a lack of damping asks for it: as exact as the step.
@@ -60,10 +63,11 @@ class ExplicitSolver(Solver):
         self._fastest = fastest(scene)
         self._wanted = None if substeps is None else whole_number("substeps", substeps)
         kernel = kernels.Explicit32 if self.dtype == np.float32 else kernels.Explicit64
-        self._kernel = kernel(kernel_sheet(scene))
+        self._kernel = kernel(kernel_sheet(scene), [most for *_, most in LEVELS])
         self._stepped = [scene.material] * num_envs
         self._felt = [kernel_material(scene.material)] * num_envs
-        self.cuts = self.last_cuts = np.ones((num_envs, 2), np.int32)
+        self._cuts = self._last = np.ones((num_envs, len(LEVELS), 2), np.int32)
+        self._levels = np.zeros(num_envs, np.int32)
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
     def check_material(self, material: Material) -> None:
@@ -71,22 +75,39 @@ class ExplicitSolver(Solver):
         self._count(material)
 
     @property
+    def cuts(self) -> np.ndarray:
+        """How frames of cloth that nothing shears far, blows at or hits are cut, ``(B, 2)``.
+
+        Substeps, and for how many of them slow forces are held.
+        """
+        return self._cuts[:, 0]
+
+    @property
     def substeps(self) -> np.ndarray:
-        """In a frame of each cloth, ``(B,)``."""
+        """In such a frame of each cloth, ``(B,)``."""
         return self.cuts[:, 0]
+
+    @property
+    def last_cuts(self) -> np.ndarray:
+        """How the last frame was cut, ``(B, 2)``."""
+        return self._last[np.arange(self.num_envs), self._levels]
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         for i, m in zip(which, materials, strict=True):
-            self._stepped[i], self._felt[i], self.cuts[i] = m, kernel_material(m), self._cut(m)
+            self._stepped[i], self._felt[i], self._cuts[i] = m, kernel_material(m), self._cut(m)
 
     def _cut(
         self, material: Material, pressure: float = PRESSURE, speed: float = 0.0, cause: str = "this material"
-    ) -> tuple[int, int]:
-        """How a frame is cut: substeps, and for how many slow forces are held. Raises ValueError: see ``_count``."""
-        count = self._count(material, pressure, speed, cause)
-        loose = self._held is not None
-        held = interval(self.scene, material, self.scene.frame_dt / count, pressure, speed, loose=loose)
-        return count, min(held, HELD if self._held is None else self._held)
+    ) -> list[tuple[int, int]]:
+        """How a frame is cut for each of ``LEVELS``. Raises ValueError: see ``_count``."""
+        scene, first, cuts = self.scene, self._count(material, pressure, speed, cause), []
+        for shear, times, _ in LEVELS:
+            least = int(np.ceil(scene.frame_dt / stable_step(scene, material, pressure, speed, shear)))
+            count = max(first, least * self._refine) * times
+            h = scene.frame_dt / count
+            held = interval(scene, material, h, pressure, speed, loose=self._held is not None)
+            cuts.append((count, min(held, HELD if self._held is None else self._held)))
+        return cuts
 
     def _count(
         self, material: Material, pressure: float = PRESSURE, speed: float = 0.0, cause: str = "this material"
@@ -104,8 +125,8 @@ class ExplicitSolver(Solver):
             )
         return int(count)
 
-    def _cuts(self, old: State, controls: Controls, speeds: Sequence[float] = ()) -> np.ndarray:
-        """``cuts`` of the frame from ``old``, in which something has ``speeds`` ``(B,)`` [m/s] if they are given.
+    def _cuts_of(self, old: State, controls: Controls, speeds: Sequence[float] = ()) -> np.ndarray:
+        """``_cuts`` of the frame from ``old``, in which something has ``speeds`` ``(B,)`` [m/s] if they are given.
 
         What pressure does grows with the edges' lengths: they may double in a frame. Speeds may grow to four times
         theirs where something is hit, and the air moves at up to ``max_wind`` against them; more than that of sound is
@@ -115,8 +136,8 @@ class ExplicitSolver(Solver):
         high = pressure > PRESSURE if scene.pressure else np.zeros(len(pressure), bool)
         fast = np.array(speeds) > self._fastest if speeds else np.zeros(len(pressure), bool)
         if not (high | fast).any():
-            return self.cuts
-        cuts = self.cuts.copy()
+            return self._cuts
+        cuts = self._cuts.copy()
         for i in np.flatnonzero(high | fast).tolist():
             load, speed, cause = PRESSURE, 0.0, "this material"
             if fast[i] and scene.air:
@@ -130,13 +151,18 @@ class ExplicitSolver(Solver):
             cuts[i] = self._cut(self._stepped[i], load, speed, cause)
         return cuts
 
+    def _levels_of(self, positions: np.ndarray) -> np.ndarray:
+        """Which of ``LEVELS`` holds cloths at ``positions`` (B, 3, H, W)."""
+        return np.searchsorted([most for *_, most in LEVELS], self._kernel.shear(positions))
+
     def step(self, old: State, new: State, controls: Controls) -> None:
-        self.last_cuts = self._cuts(old, controls) if self.scene.pressure else self.cuts
-        given = old, new, controls, self._felt
-        speeds = self._kernel.advance(*given, self.last_cuts, self._fastest, self.threads)
+        self._last = self._cuts_of(old, controls) if self.scene.pressure else self._cuts
+        given, found = (old, new, controls, self._felt), np.zeros_like(self._levels)
+        speeds = self._kernel.advance(*given, self._last, found, self._fastest, self.threads)
         if speeds:
-            self.last_cuts = self._cuts(old, controls, speeds)
-            self._kernel.advance(*given, self.last_cuts, np.inf, self.threads)
+            self._last = self._cuts_of(old, controls, speeds)
+            self._kernel.advance(*given, self._last, found, np.inf, self.threads)
+        self._levels = found
         blown = self.scene.pressure and abs(controls.pressure).max() > BREEZE
         if blown and not np.isfinite(new.positions.sum()):
             raise ValueError(

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <utility>
 
 #include "../base/threads.hpp"
@@ -84,14 +85,15 @@ bool take(const Strips<T>& s, const T* field, int member, T* to) {
 }  // namespace
 
 template <class T>
-Explicit<T>::Explicit(Sheet sheet)
+Explicit<T>::Explicit(Sheet sheet, std::vector<double> sheared)
     : sheet_(std::move(sheet)),
+      sheared_(std::move(sheared)),
       bands_(sheet_.rows, sheet_.cols, sheet_.row_length, sheet_.col_length, sheet_.periodic,
              lanes<ExplicitLanes<T>>().width, true),
       cloths_(sheet_.rows, sheet_.cols, sheet_.row_length, sheet_.col_length, sheet_.periodic, bands_.width, false) {}
 
 template <class T>
-void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
+bool Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
                           const Substeps& substeps, const std::vector<std::size_t>& members) const {
   const auto& kernels = lanes<ExplicitLanes<T>>();
   const Strips<T>& s = members.size() > 1 ? cloths_ : bands_;
@@ -150,27 +152,69 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     finite &= take(s, f.x, int(m), frame.x_out) & take(s, f.v, int(m), frame.v_out);
   }
   if (!finite) work.shape.clear();
+  return finite;
 }
 
 template <class T>
 void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
-                          const std::vector<Substeps>& substeps, int threads) const {
+                          const std::vector<Cuts>& cuts, int threads, const std::vector<std::size_t>& which,
+                          const int* levels, int* ends) const {
   // Bands fill the lanes of a large cloth; of small ones several that step alike fill them better.
   std::vector<std::vector<std::size_t>> groups;
   const std::size_t most = std::size_t(bands_.width);
   const bool small = !sheet_.periodic && 4 * sizeof(T) * cloths_.field < kCache;
-  for (std::size_t i = 0; i < frames.size(); ++i) {
+  const auto substeps = [&](std::size_t i) -> const Substeps& { return cuts[i][levels[i]]; };
+  const auto whole = [&](const T* field) {
+    return std::all_of(field, field + 3 * sheet_.rows * sheet_.cols, [](T v) { return std::isfinite(v); });
+  };
+  for (const std::size_t i : which) {
     const auto alike = [&](const std::vector<std::size_t>& group) {
       const std::size_t first = group.front();
-      return group.size() < most && substeps[first] == substeps[i] &&
+      return group.size() < most && substeps(first) == substeps(i) &&
              materials[first].simple() == materials[i].simple() &&
              (materials[first].bend_stiffness > 0) == (materials[i].bend_stiffness > 0);
     };
     const auto found = small ? std::find_if(groups.begin(), groups.end(), alike) : groups.end();
     found == groups.end() ? groups.push_back({i}) : found->push_back(i);
   }
-  for_each_member(groups.size(), threads,
-                  [&](std::size_t g) { advance(frames, materials, substeps[groups[g].front()], groups[g]); });
+  for_each_member(groups.size(), threads, [&](std::size_t g) {
+    const bool finite = advance(frames, materials, substeps(groups[g].front()), groups[g]);
+    for (const std::size_t i : groups[g]) {
+      const Frame<T>& f = frames[i];
+      const bool blown = !finite && !(whole(f.x_out) && whole(f.v_out)) && whole(f.x) && whole(f.v);
+      ends[i] = blown ? int(sheared_.size()) - 1 : level(f.x_out);
+    }
+  });
+}
+
+template <class T>
+double Explicit<T>::shear(const T* x) const {
+  const double flat = 4 * sheet_.row_length * sheet_.col_length;
+  return lanes<ExplicitLanes<T>>().slant(sheet_.rows, sheet_.cols, x) / flat;
+}
+
+template <class T>
+int Explicit<T>::level(const T* x) const {
+  return int(std::lower_bound(sheared_.begin(), sheared_.end() - 1, shear(x)) - sheared_.begin());
+}
+
+template <class T>
+void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
+                          const std::vector<Cuts>& cuts, int threads, int* levels) const {
+  std::vector<std::size_t> which(frames.size());
+  std::iota(which.begin(), which.end(), std::size_t(0));
+  for (const std::size_t i : which) levels[i] = level(frames[i].x);
+  std::vector<int> ends(frames.size());
+  while (!which.empty()) {
+    advance(frames, materials, cuts, threads, which, levels, ends.data());
+    std::vector<std::size_t> again;
+    for (const std::size_t i : which) {
+      const Substeps before = cuts[i][levels[i]];
+      levels[i] = std::max(levels[i], ends[i]);
+      if (!(cuts[i][levels[i]] == before)) again.push_back(i);
+    }
+    which = again;
+  }
 }
 
 template class Explicit<float>;

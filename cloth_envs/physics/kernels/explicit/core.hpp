@@ -54,6 +54,8 @@ struct ExplicitLanes {
   // Bending and the air.
   using Slow = void (*)(const Strips<T>&, const Fields<T>&, const SlowTerms<T>&);
   Slow slow[2][2][2];  // [bending][air][pressure]; none for none
+  // Of the shear of positions, see shear.hpp.
+  T (*slant)(int, int, const T*);
 };
 DECLARE_LANES(ExplicitLanes<float>)
 DECLARE_LANES(ExplicitLanes<double>)
@@ -64,21 +66,37 @@ struct Substeps {
   bool operator==(const Substeps& o) const { return count == o.count && held == o.held; }
 };
 
+// How a cloth's frames are cut while it is sheared by no more than each of Explicit's limits.
+using Cuts = std::vector<Substeps>;
+
 template <class T>
 class Explicit {
  public:
-  explicit Explicit(Sheet sheet);
-  // Frames of some cloths, each of its own material in its own substeps. Results do not depend on threads, nor on which
-  // cloths are in a batch.
+  // `sheared` are sines of shear, rising.
+  Explicit(Sheet sheet, std::vector<double> sheared);
+  // Frames of some cloths, each of its own material. Which of its cuts each takes is found in `levels`: that of its
+  // shear at the frame's start or, where it is sheared more at the end or not finite, of that in another go. Results do
+  // not depend on threads, nor on which cloths are in a batch.
   void advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
-               const std::vector<Substeps>& substeps, int threads) const;
+               const std::vector<Cuts>& cuts, int threads, int* levels) const;
+  // The largest shear of positions (3, H, W), a sine: the mean over the four corners at an inner vertex, as long as
+  // edges have their lengths. Folded edges count for less.
+  double shear(const T* x) const;
+  std::size_t levels() const { return sheared_.size(); }
   const Sheet& sheet() const { return sheet_; }
 
  private:
+  int level(const T* x) const;
+  // Those of `which`, each with the cuts of its level; the levels at their ends.
+  void advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
+               const std::vector<Cuts>& cuts, int threads, const std::vector<std::size_t>& which, const int* levels,
+               int* ends) const;
   // Cloths that are alike in substeps and in whether materials are simple, in the lanes of vectors, or one in bands.
-  void advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials, const Substeps& substeps,
+  // Whether all of them are finite then.
+  bool advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials, const Substeps& substeps,
                const std::vector<std::size_t>& members) const;
   Sheet sheet_;
+  std::vector<double> sheared_;
   Strips<T> bands_, cloths_;
 };
 

@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "core.hpp"
+#include "shear.hpp"
 #include "slow.hpp"
 #include "step.hpp"
 
@@ -17,6 +18,7 @@ const ExplicitLanes<T> instance = {
     {{{nullptr, slow<T, false, false, true>}, {slow<T, false, true, false>, slow<T, false, true, true>}},
      {{slow<T, true, false, false>, slow<T, true, false, true>},
       {slow<T, true, true, false>, slow<T, true, true, true>}}},
+    slant<T>,
 };
 
 }  // namespace
