@@ -12,6 +12,7 @@ from surrogates.miniature.handles import ROUNDING, Handles
 from surrogates.upscale.protocol import NOTHING, Upscaler, is_compiled
 
 GUARD = 0.5  # strain
+PROTO = dict(sweeps=0, keep=1.0, shear=1.0, shorter=1.0, shear_shorter=1.0)
 REACH = 1e-5  # m, within which a vertex is at the surface of a body
 
 
@@ -39,7 +40,7 @@ class Fine:
         self._shape, self._upscaling, self._threads = scene.grid.shape, upscaling, threads
         firm = handles.firm.astype(np.int32)  # numbers of those that are put in place
         self._kernel = Kernel(
-            kernel_sheet(scene), firm, handles.near, handles.guides, handles.pull, rounding=ROUNDING, reach=REACH
+            kernel_sheet(scene), firm, handles.near, handles.guides, handles.pull, rounding=ROUNDING, reach=REACH, **PROTO
         )
         self._cubic = upscaling.bicubic.kernel if guard else None
         self.begin(0)
@@ -48,6 +49,7 @@ class Fine:
         """There was no cloth so far of any of ``batch`` members."""
         self.pushed, self.depth = np.zeros(batch, np.int32), np.zeros(batch, np.float32)
         self._guarded = np.zeros(batch, np.int32)
+        self.offset = np.zeros((batch, 3, *self._shape), np.float32)
 
     @property
     def guarded(self) -> np.ndarray:
@@ -68,6 +70,6 @@ class Fine:
         health = self._kernel.fill(
             coarse.positions, coarse.velocities, net, bias, grids, speeds, self._cubic, GUARD,
             controls.handle_positions, controls.handle_velocities, coarse.colliders, coarse.collider_velocities,
-            positions, velocities, self.pushed, self.depth, self._guarded, self._threads,
+            positions, velocities, self.pushed, self.depth, self._guarded, self.offset, self._threads,
         )  # fmt: skip
         return Cloth(positions, velocities, health)

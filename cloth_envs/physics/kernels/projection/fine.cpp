@@ -16,6 +16,7 @@
 #include "../nets/resample.hpp"
 #include "../sheet/sheet.hpp"
 #include "core.hpp"
+#include "edges.hpp"
 
 namespace nb = nanobind;
 
@@ -30,8 +31,10 @@ using Health = std::tuple<bool, double, double>;
 class Fine {
  public:
   Fine(Sheet sheet, In<int, 1> firm, In<int, 1> near, In<int, 1> guides, In<float, 1> pull, double rounding,
-       double reach)
+       double reach, int sweeps, double keep, double shear, double shorter, double shear_shorter)
       : sheet_(std::move(sheet)),
+        weave_(sheet_.rows, sheet_.cols, sheet_.periodic, sheet_.row_length, sheet_.col_length, shear, shorter, shear_shorter),
+        sweeps_(sweeps), keep_(float(keep)),
         firm_(firm.data(), firm.data() + firm.size()),
         near_(near.data(), near.data() + near.size()),
         guides_(guides.data(), guides.data() + guides.size()),
@@ -51,7 +54,7 @@ class Fine {
   std::vector<Health> fill(Fields coarse_x, Fields coarse_v, const PatchNet* net, In<float, 2> bias, const Grids* grids,
                            const Grids* speeds, const Grids* cubic, double guard, In<double, 3> driven_x,
                            In<double, 3> driven_v, Fields ends, Fields velocities, Out<float, 4> x, Out<float, 4> v,
-                           Out<int, 1> pushed, Out<float, 1> depth, Out<int, 1> guarded, int threads) const {
+                           Out<int, 1> pushed, Out<float, 1> depth, Out<int, 1> guarded, Out<float, 4> offset, int threads) const {
     const std::size_t batch = x.shape(0), rows = sheet_.rows, cols = sheet_.cols, held = sheet_.handles.size();
     const std::size_t h = coarse_x.shape(2), w = coarse_x.shape(3), n = 3 * rows * cols, few = 3 * h * w;
     const std::initializer_list<std::size_t> cloth = {batch, 3, rows, cols}, driven = {batch, held, 3},
@@ -82,6 +85,7 @@ class Fine {
       else if (grids)
         (*grids)(from, 3, at);
       put(at, there);
+      if (sweeps_) lanes<EdgeLanes>().mend(weave_, sweeps_, keep_, held_.data(), held_.size(), at, offset.data() + b * n);
       guarded.data()[b] = cubic && !(check(at, at).strain <= guard);
       if (guarded.data()[b]) (*cubic)(from, 3, at), put(at, there);
       if (speeds) (*speeds)(moving, 3, speed);
@@ -154,6 +158,9 @@ class Fine {
   }
 
   Sheet sheet_;
+  Weave weave_;
+  int sweeps_;
+  float keep_;
   std::vector<int> firm_, held_, near_, guides_;  // firm_ are the numbers of the handles held_
   std::vector<float> pull_;
   double rounding_;
@@ -164,12 +171,12 @@ class Fine {
 
 void bind_fine(nb::module_& m) {
   nb::class_<Fine>(m, "Fine", "Makes fine cloths out of coarse ones: upscaled, driven, outside all bodies.")
-      .def(nb::init<Sheet, In<int, 1>, In<int, 1>, In<int, 1>, In<float, 1>, double, double>(), nb::arg("sheet"),
-           nb::arg("firm"), nb::arg("near"), nb::arg("guides"), nb::arg("pull"), nb::arg("rounding"), nb::arg("reach"))
+      .def(nb::init<Sheet, In<int, 1>, In<int, 1>, In<int, 1>, In<float, 1>, double, double, int, double, double, double, double>(), nb::arg("sheet"),
+           nb::arg("firm"), nb::arg("near"), nb::arg("guides"), nb::arg("pull"), nb::arg("rounding"), nb::arg("reach"), nb::arg("sweeps"), nb::arg("keep"), nb::arg("shear"), nb::arg("shorter"), nb::arg("shear_shorter"))
       .def("fill", &Fine::fill, nb::arg("coarse_x"), nb::arg("coarse_v"), nb::arg("net").none(), nb::arg("bias"),
            nb::arg("grids").none(), nb::arg("speeds").none(), nb::arg("cubic").none(), nb::arg("guard"),
            nb::arg("driven_x"), nb::arg("driven_v"), nb::arg("ends"), nb::arg("velocities"), nb::arg("x"), nb::arg("v"),
-           nb::arg("pushed"), nb::arg("depth"), nb::arg("guarded"), nb::arg("threads"),
+           nb::arg("pushed"), nb::arg("depth"), nb::arg("guarded"), nb::arg("offset"), nb::arg("threads"),
            "Fills x and v (B, 3, H, W); per cloth: all finite, largest structural strain, kinetic energy [J/kg].");
 }
 
