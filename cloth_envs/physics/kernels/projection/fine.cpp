@@ -185,14 +185,13 @@ void bind_fine(nb::module_& m) {
       .def(
           "__init__",
           [](Mend* self, int rows, int cols, double row_length, double col_length, In<int, 1> held, int sweeps,
-             double slack, double shear, double shorter, double wave, double buckling) {
-            const Mending how = {rows,         cols,         sweeps,         float(row_length), float(col_length),
-                                 float(slack), float(shear), float(shorter), float(wave),       float(buckling)};
+             double slack, double shorter, double wave, double buckling) {
+            const Mending how = {rows,         cols,           sweeps,      float(row_length), float(col_length),
+                                 float(slack), float(shorter), float(wave), float(buckling)};
             new (self) Mend(how, held);
           },
           nb::arg("rows"), nb::arg("cols"), nb::arg("row_length"), nb::arg("col_length"), nb::arg("held"),
-          nb::arg("sweeps"), nb::arg("slack"), nb::arg("shear"), nb::arg("shorter"), nb::arg("wave"),
-          nb::arg("buckling"))
+          nb::arg("sweeps"), nb::arg("slack"), nb::arg("shorter"), nb::arg("wave"), nb::arg("buckling"))
       .def(
           "apply",
           [](const Mend& mend, Out<float, 4> x) {

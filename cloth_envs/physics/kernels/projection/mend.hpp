@@ -9,8 +9,7 @@ namespace minicloth {
 struct Mending {
   int rows, cols, sweeps;
   float row_length, col_length;  // m
-  float slack, shear, shorter;
-  float wave, buckling;
+  float slack, shorter, wave, buckling;
 };
 
 struct MendLanes {

@@ -26,23 +26,25 @@ void buckle(const Mending& m, float* x) {
   const auto keep = [&](int r) {
     for (int k = 0; k < 3; ++k) std::copy_n(x + k * n + r * m.cols, m.cols, row(r) + k * stride);
   };
-  const auto root = [](const F& v) { return v * rsqrt_estimate(v + tiny<float>); };
-  const auto depth = [&](const V3<float>& d, float whole) {
+  const auto shortened = [&](const V3<float>& d, float whole) {  // by how much beyond buckling
     const F square = dot(d, d);
-    return root(larger((1 - m.buckling) - square * rsqrt(square + tiny<float>) / whole, F{}));
+    return (1 - m.buckling) - square * rsqrt(square + tiny<float>) / whole;
   };
+  const auto depth = [](const F& v) { return v * rsqrt_estimate(v + tiny<float>); };
   const float steep = std::sqrt(2.0f) * m.wave, along = 2 * m.col_length, down = 2 * m.row_length;
   keep(0), keep(1);
   for (int r = 1; r < m.rows - 1; ++r) {
     keep(r + 1);
     const float *const above = row(r - 1), *const here = row(r), *const below = row(r + 1);
-    const float across = steep * m.row_length * zigzag[r % 4];
+    const F across = F{} + steep * m.row_length * zigzag[r % 4];
     for (int next = 1; next <= inner; next += kWide) {
       const int c = std::min(next, inner + 1 - count);
       const auto at = [&](const float* p) { return V3<float>{load(p), load(p + stride), load(p + 2 * stride)}; };
-      const V3<float> a = at(here + c + 1) - at(here + c - 1), b = at(below + c) - at(above + c), normal = cross(b, a);
-      F wave = steep * m.col_length * load(zigzag + c) * depth(a, along);
-      if (across != 0) wave += across * depth(b, down);
+      const V3<float> a = at(here + c + 1) - at(here + c - 1), b = at(below + c) - at(above + c);
+      const F less = larger(shortened(a, along), F{}), lower = larger(shortened(b, down), F{});
+      if (!any<float>(less + lower > 0.0f)) continue;
+      const V3<float> normal = cross(b, a);
+      const F wave = (steep * m.col_length) * load(zigzag + c) * depth(less) + across * depth(lower);
       const V3<float> moved = at(here + c) + (wave * rsqrt_estimate(dot(normal, normal) + tiny<float>)) * normal;
       float* const to = x + r * m.cols + c;
       store_few(to, moved.x, count), store_few(to + n, moved.y, count), store_few(to + 2 * n, moved.z, count);
@@ -55,72 +57,82 @@ struct Edge {
   F square, twice;  // of the length
   float longer, shorter, slack;
 
-  Edge(float length, float share, const Mending& m)
-      : square(F{} + length * length),
-        twice(square + square),
-        longer(share / 2),
-        shorter(share / 2 * m.shorter),
-        slack(m.slack) {}
+  Edge(float length, const Mending& m)
+      : square(F{} + length * length), twice(square + square), longer(0.5f), shorter(m.shorter / 2), slack(m.slack) {}
 
   // Strain over stretch, 1 - L / |d|, is taken as (d^2 - L^2) / (d^2 + L^2), as Jakobsen 2001 does: without a root, and
   // finite where the ends meet.
-  void pull(V3<float>& p, V3<float>& q, const F& exist) const {
+  void pull(V3<float>& p, V3<float>& q) const {
     const V3<float> d = q - p;
     const F over = 1.0f - twice * reciprocal(dot(d, d) + square);
-    const F share = exist * (longer * larger(over - slack, F{}) - shorter * larger(-over, F{}));
+    const F share = longer * larger(over - slack, F{}) - shorter * larger(-over, F{});
     p = p + share * d, q = q - share * d;
   }
 };
 
-// Diagonals and sides of every second cell of every second row, from cell (first, begin) on: no two have a vertex in
-// common. Of sides that two cells have, one pulls.
-void sweep(const Mending& m, int first, int begin, float* x) {
-  const int n = m.rows * m.cols, cells = (m.cols - begin) / 2;
-  const Edge diagonal(std::hypot(m.row_length, m.col_length), m.shear, m), along(m.col_length, 1, m),
-      down(m.row_length, 1, m);
-  Places lane, even, odd, low, high;  // of two vectors, and back
+// Vectors of a field whose planes are n apart, whole or the first `count` lanes of them.
+template <bool whole>
+F take(const float* p, int count) {
+  return whole ? load(p) : load_few(p, count);
+}
+template <bool whole>
+void give(float* p, const F& v, int count) {
+  whole ? store(p, v) : store_few(p, v, count);
+}
+
+// Edges from `count` vertices to those a row below.
+template <bool whole>
+void pull_down(const Edge& edge, float* above, int cols, int n, int count) {
+  float* const below = above + cols;
+  const auto get = [&](const float* p) {
+    return V3<float>{take<whole>(p, count), take<whole>(p + n, count), take<whole>(p + 2 * n, count)};
+  };
+  const auto put = [&](float* p, const V3<float>& v) {
+    give<whole>(p, v.x, count), give<whole>(p + n, v.y, count), give<whole>(p + 2 * n, v.z, count);
+  };
+  V3<float> p = get(above), q = get(below);
+  edge.pull(p, q);
+  put(above, p), put(below, q);
+}
+
+// Edges of the pairs of `count` vertices of a row.
+template <bool whole>
+void pull_along(const Edge& edge, float* x, int n, int count) {
+  Places even, odd, low, high;  // of two vectors, and back
   for (int k = 0; k < kWide; ++k)
-    lane[k] = k, even[k] = 2 * k, odd[k] = 2 * k + 1, low[k] = k / 2 + k % 2 * kWide, high[k] = low[k] + kWide / 2;
-  const F one = F{} + 1.0f;
-  const bool right = begin == 1 && m.cols % 2 == 1;
-  for (int r = first; r + 1 < m.rows; r += 2) {
-    const bool last = r + 2 == m.rows;
-    float* const line = x + r * m.cols + begin;
-    const auto cells_at = [&](int i, const auto& get, const auto& put) __attribute__((always_inline)) {
-      float *const above = line + 2 * i, *const below = above + m.cols;
-      V3<float> p, q, s, t;  // left and right, above and below
-      get(above, p.x, q.x), get(above + n, p.y, q.y), get(above + 2 * n, p.z, q.z);
-      get(below, s.x, t.x), get(below + n, s.y, t.y), get(below + 2 * n, s.z, t.z);
-      diagonal.pull(p, t, one), diagonal.pull(q, s, one);
-      if (first == 0) along.pull(p, q, one);
-      if (first == 0 || last) along.pull(s, t, one);
-      if (begin == 0) down.pull(p, s, one), down.pull(q, t, one);
-      if (right && i + kWide >= cells) down.pull(q, t, lane == cells - i - 1 ? one : F{});
-      put(above, p.x, q.x), put(above + n, p.y, q.y), put(above + 2 * n, p.z, q.z);
-      put(below, s.x, t.x), put(below + n, s.y, t.y), put(below + 2 * n, s.z, t.z);
-    };
-    int i = 0;
-    for (; i + kWide <= cells; i += kWide)
-      cells_at(
-          i,
-          [&](const float* from, F& a, F& b) __attribute__((always_inline)) {
-            const F u = load(from), v = load(from + kWide);
-            a = pick(u, v, even), b = pick(u, v, odd);
-          },
-          [&](float* to, const F& a, const F& b)
-              __attribute__((always_inline)) { store(to, pick(a, b, low)), store(to + kWide, pick(a, b, high)); });
-    const int some = std::min(2 * (cells - i), kWide), more = 2 * (cells - i) - some;
-    if (some > 0)
-      cells_at(
-          i,
-          [&](const float* from, F& a, F& b) __attribute__((always_inline)) {
-            const F u = load_few(from, some), v = load_few(from + kWide, more);
-            a = pick(u, v, even), b = pick(u, v, odd);
-          },
-          [&](float* to, const F& a, const F& b) __attribute__((always_inline)) {
-            store_few(to, pick(a, b, low), some), store_few(to + kWide, pick(a, b, high), more);
-          });
-  }
+    even[k] = 2 * k, odd[k] = 2 * k + 1, low[k] = k / 2 + k % 2 * kWide, high[k] = low[k] + kWide / 2;
+  const int some = std::min(count, kWide), more = count - some;
+  const auto get = [&](const float* from, F& a, F& b) {
+    const F u = take<whole>(from, some), v = take<whole>(from + kWide, more);
+    a = pick(u, v, even), b = pick(u, v, odd);
+  };
+  const auto put = [&](float* to, const F& a, const F& b) {
+    give<whole>(to, pick(a, b, low), some), give<whole>(to + kWide, pick(a, b, high), more);
+  };
+  V3<float> p, q;
+  get(x, p.x, q.x), get(x + n, p.y, q.y), get(x + 2 * n, p.z, q.z);
+  edge.pull(p, q);
+  put(x, p.x, q.x), put(x + n, p.y, q.y), put(x + 2 * n, p.z, q.z);
+}
+
+// Edges along rows, of every second column and then of the others, and those between rows, in the same way.
+void sweep(const Mending& m, const Edge& along, const Edge& down, float* x) {
+  const int n = m.rows * m.cols;
+  for (int first : {0, 1})
+    for (int r = 0; r < m.rows; ++r) {
+      float* const row = x + r * m.cols + first;
+      const int count = (m.cols - first) / 2 * 2;
+      int c = 0;
+      for (; c + 2 * kWide <= count; c += 2 * kWide) pull_along<true>(along, row + c, n, 2 * kWide);
+      if (c < count) pull_along<false>(along, row + c, n, count - c);
+    }
+  for (int first : {0, 1})
+    for (int r = first; r + 1 < m.rows; r += 2) {
+      float* const row = x + r * m.cols;
+      int c = 0;
+      for (; c + kWide <= m.cols; c += kWide) pull_down<true>(down, row + c, m.cols, n, kWide);
+      if (c < m.cols) pull_down<false>(down, row + c, m.cols, n, m.cols - c);
+    }
 }
 
 void mend(const Mending& m, const int* held, std::size_t count, float* x) {
@@ -134,9 +146,9 @@ void mend(const Mending& m, const int* held, std::size_t count, float* x) {
       for (std::size_t i = 0; i < count; ++i) x[k * n + held[i]] = kept[k * count + i];
   };
   if (m.wave > 0) buckle(m, x), hold();
+  const Edge along(m.col_length, m), down(m.row_length, m);
   for (int s = 0; s < m.sweeps; ++s) {
-    for (int first : {0, 1})
-      for (int begin : {0, 1}) sweep(m, first, begin, x);
+    sweep(m, along, down, x);
     hold();
   }
 }
