@@ -229,6 +229,11 @@ class World:
         self.rewards = rewards
         return rewards, reasons
 
+    @property
+    def guarded(self) -> np.ndarray:
+        """The members whose last cloth a guard of the backend drew by a plainer method, ``(B,)``; read the cloth first."""
+        return np.asarray(getattr(self.backend, "guarded", np.zeros(self.num_envs, bool)))
+
     def observe(self) -> Any:
         """See ``Observer``."""
         return self.observer(self.episode)
