@@ -231,7 +231,7 @@ class World:
 
     @property
     def guarded(self) -> np.ndarray:
-        """The members whose last cloth a guard of the backend drew by a plainer method, ``(B,)``; read the cloth first."""
+        """The members whose last cloth, once it is read, the backend's guard drew in a plainer way, ``(B,)``."""
         return np.asarray(getattr(self.backend, "guarded", np.zeros(self.num_envs, bool)))
 
     def observe(self) -> Any:

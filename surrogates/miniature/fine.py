@@ -19,9 +19,9 @@ REACH = 1e-5  # m, within which a vertex is at the surface of a body
 class Fine:
     """What ``upscaling`` says of a coarse cloth, and what handles and bodies make of that.
 
-    Handles are put where they are driven, and edges are mended (``mending``). Vertices that are nearer to a body than the scene's thickness are put on its
-    surface, along its normal, and lose the velocity into it; bodies act one after the other, where there are several,
-    twice. Handles stay where they are driven, inside or not.
+    Handles are put where they are driven, and edges are mended (``mending``). Vertices that are nearer to a body than
+    the scene's thickness are put on its surface, along its normal, and lose the velocity into it; bodies act one after
+    the other, where there are several, twice. Handles stay where they are driven, inside or not.
 
     Args:
         scene: of the fine cloth. handles: how a coarse one follows its handles.
