@@ -266,7 +266,7 @@ def test_the_guard_interpolates_what_a_network_tears() -> None:
     scene = World("Hanging").scene
     backend, plain = (
         MiniatureBackend(scene, num_envs=2, factor=4, scaling="closure", **o)
-        for o in ({"upscaler": "local", "guard": True}, {"upscaler": "bicubic"})
+        for o in ({"upscaler": "local", "guard": True}, {"upscaler": "bicubic", "mend": True})
     )
     world = World("Hanging", num_envs=2)
     world.reset({i: np_random(i)[0] for i in range(2)})

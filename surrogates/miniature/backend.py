@@ -10,7 +10,7 @@ from surrogates.miniature.coarse import CoarsePhysics
 from surrogates.miniature.correction import Correction, shipped
 from surrogates.miniature.mending import mends
 from surrogates.miniature.upscaled import Upscaled
-from surrogates.upscale.protocol import make_upscaler
+from surrogates.upscale.protocol import Interpolation, make_upscaler
 
 
 class MiniatureBackend(Upscaled):
@@ -28,8 +28,8 @@ class MiniatureBackend(Upscaled):
         factors: of a calibration of your own, ``{material property: multiplier}``, instead of the shipped ones.
         upscaler: an interpolation, ``"bilinear"``, ``"biquadratic"`` or ``"bicubic"``, a network by name, or
             ``"module:Class"``.
-        mend: bring the fine cloth's edges to their lengths at rest (``mending``); by default where it folds, and not
-            where it is taut or soft.
+        mend: bring the fine cloth's edges to their lengths at rest (``mending``); by default after a network, where the
+            cloth folds, and not where it is taut or soft.
         guard: interpolate a cloth bicubically in frames in which the network would tear it; ``guarded`` tells the last
             frame's.
         correction: ``"learned"``, a network that corrects the coarse cloth after every frame (``correction``).
@@ -85,6 +85,7 @@ class MiniatureBackend(Upscaled):
                     f"correction={correction!r} was trained on {wanted}, got {self.scaling!r}: pass {wanted}"
                 )
             coarse.correct(Correction(coarse.scene, shipped(scene.name, factor)))
-        self.mend = mends(scene, coarse.scene.grid) if mend is None else true_or_false("mend", mend)
         upscaling = make_upscaler(self.upscaler, coarse.scene, scene, factor)
+        usual = not isinstance(upscaling, Interpolation) and mends(scene, coarse.scene.grid)
+        self.mend = usual if mend is None else true_or_false("mend", mend)
         super().__init__(coarse, upscaling, mend=self.mend, guard=guard, threads=threads)

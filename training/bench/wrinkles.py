@@ -75,7 +75,8 @@ class Trace:
 
 def watch(world: World, actions: np.ndarray, seeds: Sequence[int], keep: Iterable[int] = ()) -> Trace:
     """Play ``actions`` ``(T, B, A)``, keeping the states at the ends of frames ``keep`` and all controls."""
-    trace, wanted, grid, last = Trace(ended=np.zeros(len(seeds), bool)), set(keep), world.scene.grid, []
+    trace, wanted, grid = Trace(ended=np.zeros(len(seeds), bool)), set(keep), world.scene.grid
+    last: list[np.ndarray] = []
     world.reset({i: np_random(seed)[0] for i, seed in enumerate(seeds)})
     for frame, action in enumerate(actions, 1):
         reasons = world.step(action)[1]
@@ -118,11 +119,12 @@ def compare(one: Participant, scene: str, actions: str, moves: np.ndarray, truth
         seen = [np.array(getattr(each, name))[:, good] for each in (trace, truth)]
         return [float(values.mean()) if values.size else float("nan") for values in seen]
 
-    (bend, bend_truth), (square, square_truth) = both("bending"), both("square")
+    (strained, strained_truth), (bent, bent_truth), (square, square_truth) = map(both, ("strain", "bending", "square"))
+    after_5, after_10 = errors(one, world, truth)
     row = WrinkleRow(
         scene, one.label, json.dumps(one.whole), actions, len(seeds),
         int(trace.ended.sum()), int((trace.ended & ~truth.ended).sum()), 1000 * trace.guarded / moves[..., 0].size,
-        *both("strain"), bend / bend_truth, float(np.sqrt(square / square_truth)), *errors(one, world, truth),
+        strained, strained_truth, bent / bent_truth, float(np.sqrt(square / square_truth)), after_5, after_10,
     )  # fmt: skip
     return rounded(row)
 
