@@ -115,24 +115,25 @@ void pull_along(const Edge& edge, float* x, int n, int count) {
   put(x, p.x, q.x), put(x + n, p.y, q.y), put(x + 2 * n, p.z, q.z);
 }
 
-// Edges along rows, of every second column and then of the others, and those between rows, in the same way.
+// Edges along rows, of every second column and then of the others, and those between rows, in the same way. Ends of
+// rows come after all else, of every second row: what was stored behind a mask can't be read soon, nor what lies beyond
+// it.
 void sweep(const Mending& m, const Edge& along, const Edge& down, float* x) {
   const int n = m.rows * m.cols;
-  for (int first : {0, 1})
-    for (int r = 0; r < m.rows; ++r) {
-      float* const row = x + r * m.cols + first;
-      const int count = (m.cols - first) / 2 * 2;
-      int c = 0;
-      for (; c + 2 * kWide <= count; c += 2 * kWide) pull_along<true>(along, row + c, n, 2 * kWide);
-      if (c < count) pull_along<false>(along, row + c, n, count - c);
-    }
-  for (int first : {0, 1})
-    for (int r = first; r + 1 < m.rows; r += 2) {
-      float* const row = x + r * m.cols;
-      int c = 0;
-      for (; c + kWide <= m.cols; c += kWide) pull_down<true>(down, row + c, m.cols, n, kWide);
-      if (c < m.cols) pull_down<false>(down, row + c, m.cols, n, m.cols - c);
-    }
+  for (int first : {0, 1}) {
+    const int count = (m.cols - first) / 2 * 2, body = count / (2 * kWide) * (2 * kWide);
+    for (int r = 0; r < m.rows; ++r)
+      for (int c = 0; c < body; c += 2 * kWide) pull_along<true>(along, x + r * m.cols + first + c, n, 2 * kWide);
+    for (int turn = 0; turn < 2 && body < count; ++turn)
+      for (int r = turn; r < m.rows; r += 2) pull_along<false>(along, x + r * m.cols + first + body, n, count - body);
+  }
+  for (int first : {0, 1}) {
+    const int body = m.cols / kWide * kWide;
+    for (int r = first; r + 1 < m.rows; r += 2)
+      for (int c = 0; c < body; c += kWide) pull_down<true>(down, x + r * m.cols + c, m.cols, n, kWide);
+    for (int r = first; r + 1 < m.rows && body < m.cols; r += 2)
+      pull_down<false>(down, x + r * m.cols + body, m.cols, n, m.cols - body);
+  }
 }
 
 void mend(const Mending& m, const int* held, std::size_t count, float* x) {
