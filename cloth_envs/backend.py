@@ -19,7 +19,9 @@ class Backend(Protocol):
     It owns its state: callers read ``state`` and copy what they keep; only ``time`` they may set. One that can't step
     every material has a method ``check_material(material)`` too, which raises ValueError and says what to change:
     environments ask it before anything is simulated. One that models ``Scene.self_contact`` has a true
-    ``self_contact``; of any other the environment's scene lists none.
+    ``self_contact``; of any other the environment's scene lists none. Where another cloth moves than the one that
+    ``state`` shows, failures are judged by what ``State.health`` says of it, and ``guarded`` ``(B,)`` tells the members
+    that are drawn in a plainer way than usual, once they are read: environments pass that on as ``info["guard"]``.
     """
 
     scene: Scene

@@ -128,8 +128,11 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         chosen = read_actions(action, self.world.action_space.shape, self.world.task.actions)
         rewards, reasons = self.world.advance(chosen[None])
-        info = {} if reasons[0] is None else {"failure": reasons[0]}
-        return self._observation(), float(rewards[0]), reasons[0] is not None, False, info
+        observation = self._observation()
+        info: dict[str, Any] = {} if reasons[0] is None else {"failure": reasons[0]}
+        if self.world.guarded[0]:
+            info["guard"] = True
+        return observation, float(rewards[0]), reasons[0] is not None, False, info
 
     def _observation(self) -> Any:
         return member(self.world.observe(), 0)

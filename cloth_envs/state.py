@@ -21,7 +21,7 @@ class State:
         wind: ``(B, 3)`` [m/s], the wind of the last frame.
         pressure: ``(B,)`` [Pa], the pressure of the last frame.
         time: ``(B,)`` [s].
-        health: what was found of the cloth when it was computed, if somebody looked.
+        health: what failures are judged by, where the backend integrates another cloth than this one.
     """
 
     health: ClassVar[Health | None] = None
@@ -98,11 +98,10 @@ def _span(values: np.ndarray) -> str:
 
 
 class Cloth(NamedTuple):
-    """``positions`` and ``velocities`` ``(B, 3, H, W)``, and their ``health`` if somebody looked."""
+    """``positions`` and ``velocities`` ``(B, 3, H, W)``."""
 
     positions: np.ndarray
     velocities: np.ndarray
-    health: Health | None = None
 
 
 class LazyState(State):
@@ -112,10 +111,11 @@ class LazyState(State):
         known: its bodies, wind, pressure and time.
         compute: gives the cloth. It is called whenever somebody reads, so it must not depend on anything that changes
             meanwhile.
+        health: of what it is computed from.
     """
 
-    def __init__(self, known: State, compute: Callable[[], Cloth]) -> None:
-        self._compute = compute
+    def __init__(self, known: State, compute: Callable[[], Cloth], health: Health | None = None) -> None:
+        self._compute, self.health = compute, health  # type: ignore[misc]
         self._cloth: Cloth | None = None
         self.colliders, self.collider_velocities = known.colliders, known.collider_velocities
         self.wind, self.pressure, self.time = known.wind, known.pressure, known.time
@@ -138,16 +138,13 @@ class LazyState(State):
         """``(B, 3, H, W)`` [m/s]."""
         return (self._cloth or self._read()).velocities
 
-    @property
-    def health(self) -> Health | None:  # type: ignore[override]
-        """What was found when the cloth was computed, if somebody looked."""
-        return (self._cloth or self._read()).health
-
     def read_only(self) -> State:
         known = {n: _locked(getattr(self, n)) for n in ("colliders", "collider_velocities", "wind", "pressure", "time")}
         nothing = np.empty(0)
         return LazyState(
-            State(nothing, nothing, **known), lambda: Cloth(_locked(self.positions), _locked(self.velocities))
+            State(nothing, nothing, **known),
+            lambda: Cloth(_locked(self.positions), _locked(self.velocities)),
+            self.health,
         )
 
 

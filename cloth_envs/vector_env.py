@@ -136,14 +136,18 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             infos["failure"], infos["_failure"] = np.array(told, dtype=object), terminated.copy()
         ended = self._ended = terminated | truncated
         observations = world.observe()
+        guarded = world.guarded.copy()
+        guarded[again] = False
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
             finals = np.full(n, None, dtype=object)
             for i in np.flatnonzero(ended):
                 finals[i] = member(observations, int(i))
-            infos = {"final_obs": finals, "_final_obs": ended.copy(), "final_info": infos, "_final_info": ended.copy()}
+            last = infos | _told("guard", guarded & ended)
+            infos = {"final_obs": finals, "_final_obs": ended.copy(), "final_info": last, "_final_info": ended.copy()}
+            guarded &= ~ended
             self._start(np.flatnonzero(ended))
             observations = world.observe()
-        return observations, rewards, terminated, truncated, infos
+        return observations, rewards, terminated, truncated, infos | _told("guard", guarded)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that decides the future, as arrays; see ``ClothEnv.get_state``."""
@@ -160,6 +164,11 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         ended = check_array("ended", state["ended"], self._ended.shape, "b")
         self.world.set_state({name: value for name, value in state.items() if name != "ended"})
         self._ended = ended
+
+
+def _told(name: str, which: np.ndarray) -> dict[str, np.ndarray]:
+    """An info that is true of some members, ``(B,)``; nothing of none."""
+    return {name: which, f"_{name}": which.copy()} if which.any() else {}
 
 
 def _limit(frames: int | None) -> int | None:

@@ -229,6 +229,11 @@ class World:
         self.rewards = rewards
         return rewards, reasons
 
+    @property
+    def guarded(self) -> np.ndarray:
+        """The members whose last cloth, once it is read, the backend's guard drew in a plainer way, ``(B,)``."""
+        return np.asarray(getattr(self.backend, "guarded", np.zeros(self.num_envs, bool)))
+
     def observe(self) -> Any:
         """See ``Observer``."""
         return self.observer(self.episode)

@@ -26,7 +26,7 @@ CASES: dict[str, Case] = {
     "explicit": ("Flag", {}, 0.05),
     "admm": ("Flag", {"backend_kwargs": {"solver": "admm"}}, 0.022),
     "implicit": ("Flag", {"backend_kwargs": {"solver": "implicit"}}, 0.045),
-    "miniature": ("Flag", {"backend": "miniature", "backend_kwargs": LOCAL, "resolution": (9, 13)}, 0.13),
+    "miniature": ("Flag", {"backend": "miniature", "backend_kwargs": LOCAL, "resolution": (9, 13)}, 0.06),
     "bicubic": ("Curtain", {"backend": "miniature", "backend_kwargs": {"upscaler": "bicubic"}}, 0.3),
     "cnn": ("Flag", {"backend": "cnn"}, 0.05),
     "torch": ("Flag", {"backend": "cnn", "backend_kwargs": {"engine": "torch"}, "resolution": (4, 5)}, 0.045),

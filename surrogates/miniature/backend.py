@@ -8,8 +8,9 @@ from cloth_envs.scene import Scene
 from surrogates.miniature.choice import choose
 from surrogates.miniature.coarse import CoarsePhysics
 from surrogates.miniature.correction import Correction, shipped
+from surrogates.miniature.mending import mends
 from surrogates.miniature.upscaled import Upscaled
-from surrogates.upscale.protocol import make_upscaler
+from surrogates.upscale.protocol import Interpolation, make_upscaler
 
 
 class MiniatureBackend(Upscaled):
@@ -27,6 +28,8 @@ class MiniatureBackend(Upscaled):
         factors: of a calibration of your own, ``{material property: multiplier}``, instead of the shipped ones.
         upscaler: an interpolation, ``"bilinear"``, ``"biquadratic"`` or ``"bicubic"``, a network by name, or
             ``"module:Class"``.
+        mend: bring the fine cloth's edges to their lengths at rest (``mending``); by default after a network, where the
+            cloth folds, and not where it is taut or soft.
         guard: interpolate a cloth bicubically in frames in which the network would tear it; ``guarded`` tells the last
             frame's.
         correction: ``"learned"``, a network that corrects the coarse cloth after every frame (``correction``).
@@ -46,7 +49,8 @@ class MiniatureBackend(Upscaled):
         scaling: str | None = None,
         factors: Mapping[str, float] | None = None,
         upscaler: str | None = None,
-        guard: bool = False,
+        mend: bool | None = None,
+        guard: bool = True,
         correction: str | None = None,
         threads: int = 1,
         solver: str = "explicit",
@@ -82,4 +86,6 @@ class MiniatureBackend(Upscaled):
                 )
             coarse.correct(Correction(coarse.scene, shipped(scene.name, factor)))
         upscaling = make_upscaler(self.upscaler, coarse.scene, scene, factor)
-        super().__init__(coarse, upscaling, guard=guard, threads=threads)
+        usual = not isinstance(upscaling, Interpolation) and mends(scene, coarse.scene.grid)
+        self.mend = usual if mend is None else true_or_false("mend", mend)
+        super().__init__(coarse, upscaling, mend=self.mend, guard=guard, threads=threads)

@@ -1,4 +1,4 @@
-"""Fine cloths out of coarse ones, compiled: upscaled, put where they are driven, outside all bodies, checked."""
+"""Fine cloths out of coarse ones, compiled: upscaled, put where they are driven, mended, outside all bodies."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,8 @@ from cloth_envs.physics.solver import kernel_sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import Cloth, Controls, State
 from surrogates.miniature.handles import ROUNDING, Handles
-from surrogates.upscale.protocol import NOTHING, Upscaler, is_compiled
+from surrogates.miniature.mending import Mending
+from surrogates.upscale.protocol import NOTHING, Interpolation, Upscaler, is_compiled
 
 GUARD = 0.5  # strain
 REACH = 1e-5  # m, within which a vertex is at the surface of a body
@@ -18,13 +19,14 @@ REACH = 1e-5  # m, within which a vertex is at the surface of a body
 class Fine:
     """What ``upscaling`` says of a coarse cloth, and what handles and bodies make of that.
 
-    Handles are put where they are driven. Vertices that are nearer to a body than the scene's thickness are put on its
-    surface, along its normal, and lose the velocity into it; bodies act one after the other, where there are several,
-    twice. Handles stay where they are driven, inside or not.
+    Handles are put where they are driven, and edges are mended (``mending``). Vertices that are nearer to a body than
+    the scene's thickness are put on its surface, along its normal, and lose the velocity into it; bodies act one after
+    the other, where there are several, twice. Handles stay where they are driven, inside or not.
 
     Args:
         scene: of the fine cloth. handles: how a coarse one follows its handles.
-        guard: interpolate a cloth bicubically where ``upscaling`` would strain an edge by over ``GUARD``.
+        mending: of edges; None leaves them as they are.
+        guard: interpolate a cloth bicubically where a network would strain an edge by over ``GUARD``, mended.
         threads: over members of the batch.
 
     Attributes:
@@ -34,14 +36,22 @@ class Fine:
     """
 
     def __init__(
-        self, scene: Scene, handles: Handles, upscaling: Upscaler, *, guard: bool = False, threads: int = 1
+        self,
+        scene: Scene,
+        handles: Handles,
+        upscaling: Upscaler,
+        *,
+        mending: Mending | None = None,
+        guard: bool = False,
+        threads: int = 1,
     ) -> None:
         self._shape, self._upscaling, self._threads = scene.grid.shape, upscaling, threads
         firm = handles.firm.astype(np.int32)  # numbers of those that are put in place
         self._kernel = Kernel(
             kernel_sheet(scene), firm, handles.near, handles.guides, handles.pull, rounding=ROUNDING, reach=REACH
         )
-        self._cubic = upscaling.bicubic.kernel if guard else None
+        self._mending = mending or (None, None, None)
+        self._cubic = upscaling.bicubic.kernel if guard and not isinstance(upscaling, Interpolation) else None
         self.begin(0)
 
     def begin(self, batch: int) -> None:
@@ -65,9 +75,11 @@ class Fine:
             velocities, speeds = np.empty(shape, np.float32), up.speeds
         else:
             velocities = up.velocities(history)
-        health = self._kernel.fill(
-            coarse.positions, coarse.velocities, net, bias, grids, speeds, self._cubic, GUARD,
+        between, last, alone = self._mending
+        self._kernel.fill(
+            coarse.positions, coarse.velocities, net, bias, grids, speeds, between if net and grids else None, last,
+            self._cubic, alone, GUARD,
             controls.handle_positions, controls.handle_velocities, coarse.colliders, coarse.collider_velocities,
             positions, velocities, self.pushed, self.depth, self._guarded, self._threads,
         )  # fmt: skip
-        return Cloth(positions, velocities, health)
+        return Cloth(positions, velocities)

@@ -4,10 +4,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from cloth_envs.failure import find
 from cloth_envs.material import Material
 from cloth_envs.state import Controls, LazyState, State
 from surrogates.miniature.coarse import CoarsePhysics
 from surrogates.miniature.fine import Fine
+from surrogates.miniature.mending import Mending
 from surrogates.upscale.protocol import RememberingUpscaler, Upscaler
 
 OWN = "upscaler."  # before the names of what an upscaler remembers
@@ -16,22 +18,26 @@ OWN = "upscaler."  # before the names of what an upscaler remembers
 class Upscaled:
     """A coarse cloth, upscaled when the fine one is read.
 
-    Driven vertices of the fine cloth are put exactly where they are driven, others never end in a body.
+    Driven vertices of the fine cloth are put exactly where they are driven, others never end in a body. Whether it has
+    failed is judged by the coarse cloth, which moves; the fine one is drawn on it.
 
     Args:
         coarse: what moves.
         upscaling: what makes a fine cloth of it.
-        guard: interpolate a cloth bicubically in frames in which the upscaler would strain an edge by over
-            ``fine.GUARD``.
+        mend: bring the fine cloth's edges to their lengths (``mending``).
+        guard: interpolate a cloth bicubically in frames in which a network would strain an edge by over ``fine.GUARD``.
         threads: that upscale, over members of the batch.
 
     Attributes:
         fine: what puts the fine cloth together, and what it found in the last frame that was read.
     """
 
-    def __init__(self, coarse: CoarsePhysics, upscaling: Upscaler, *, guard: bool = False, threads: int = 1) -> None:
+    def __init__(
+        self, coarse: CoarsePhysics, upscaling: Upscaler, *, mend: bool = False, guard: bool = False, threads: int = 1
+    ) -> None:
         self.scene, self.coarse, self.upscaling = coarse.fine, coarse, upscaling
-        self.fine = Fine(self.scene, coarse.handles, upscaling, guard=guard, threads=threads)
+        mending = Mending.of(upscaling, coarse.handles.vertices) if mend else None
+        self.fine = Fine(self.scene, coarse.handles, upscaling, mending=mending, guard=guard, threads=threads)
         self._state: State | None = None
         self._remembering = upscaling if isinstance(upscaling, RememberingUpscaler) else None
         coarse.frames = upscaling.frames
@@ -88,9 +94,9 @@ class Upscaled:
 
     def advance(self, controls: Controls) -> State:
         """One frame; the fine cloth is computed when it is first read, at once for an upscaler that remembers."""
-        self.coarse.advance(controls)
+        now = self.coarse.advance(controls)
         history = self.coarse.history
-        self._state = LazyState(self.coarse.state, lambda: self.fine(history, controls))
+        self._state = LazyState(now, lambda: self.fine(history, controls), health=find(self.coarse.scene.grid, now))
         if self._remembering:
             self._state.arrays()
         return self._state

@@ -62,7 +62,8 @@ class Local(Upscaler):
         self._net = PatchNet(spacing(coarse.grid), LIMIT, [np.ascontiguousarray(w, np.float32) for w in self.weights])
         self._bias = np.zeros((0, sum(len(w) for w in self.weights)), np.float32)
         double = dense_grid(fine.grid, coarse.grid, 2)
-        self._finer = None if double.shape == fine.grid.shape else Resampler(double, fine.grid).kernel
+        self.half = None if double.shape == fine.grid.shape else double
+        self._finer = Resampler(self.half, fine.grid).kernel if self.half else None
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         """Materials outside the range of training count as its nearest end."""

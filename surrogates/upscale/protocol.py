@@ -8,6 +8,7 @@ import numpy as np
 from _minicloth_kernels import PatchNet, Resample
 
 from cloth_envs.arguments import one_of
+from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.naming import resolve
 from cloth_envs.resample import Resampler
@@ -64,9 +65,11 @@ class Upscaler(ABC):
         bicubic: interpolation of a coarse field, which learned upscalers start from or fall back to.
         recipe: what compiled ``positions`` do.
         speeds: what compiled ``velocities`` do.
+        half: the grid that a network of ``recipe`` gives, where interpolation goes on from there.
     """
 
     frames = 1
+    half: Grid | None = None
     recipe = NOTHING
 
     def __init__(self, coarse: Scene, fine: Scene, factor: float) -> None:

@@ -30,6 +30,7 @@ BENCHMARKS: dict[str, str] = {
     "mesh": "training.bench.mesh",
     "folds": "training.bench.folds",
     "endurance": "training.bench.endurance",
+    "wrinkles": "training.bench.wrinkles",
     "convergence": "training.bench.convergence",
     "peers": "training.bench.peers.run",
     "tables": "training.bench.papers.run",

@@ -126,9 +126,10 @@ def run(
     found = Run([start], [""] * start.batch, [])
     failures = Failures(scene, load_task(scene.name).max_strain)
     for frame, (state, seconds) in enumerate(replay(backend, start, controls), 1):
+        reasons = failures.check(found.states[-1], state)
         found.states.append(state.copy())
         found.seconds.append(seconds)
-        for i, reason in enumerate(failures.check(*found.states[-2:])):
+        for i, reason in enumerate(reasons):
             if reason and not found.failures[i] and (physics or reason == "non-finite"):
                 found.failures[i] = f"{reason} at frame {frame}"
         if seconds.cpu > slow or (stop and any(found.failures)):

@@ -182,6 +182,12 @@ MESH = [
     _one("closure local", factor=2),
     _one("closure local", factor=4),
 ]
+# What agents see, with its edges mended and as it was upscaled.
+WRINKLES = [
+    Participant(name, "miniature", {"factor": n, **options}, name=name)
+    for n in (2, 4)
+    for name, options in ((f"mini \u00d7{n}", {}), (f"mini \u00d7{n} not mended", {"mend": False, "guard": False}))
+]
 # What policies are trained on; the first is what they are scored on.
 TRANSFER = [
     _one("explicit", "reference"),

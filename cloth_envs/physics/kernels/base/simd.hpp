@@ -45,6 +45,39 @@ inline void store(T* p, const V<T>& v) {
   std::memcpy(p, &v, sizeof v);
 }
 
+#if defined(__AVX2__) && !defined(__AVX512F__)
+inline __m256i first_lanes(int count) {
+  return _mm256_cmpgt_epi32(_mm256_set1_epi32(count), _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7));
+}
+#endif
+// The first `count` lanes from p on, of 0 or more; the others hold 0, and are not written.
+inline V<float> load_few(const float* p, int count) {
+#if defined(__AVX512F__)
+  return (V<float>)_mm512_maskz_loadu_ps(__mmask16((1u << count) - 1), p);
+#elif defined(__AVX2__)
+  return (V<float>)_mm256_maskload_ps(p, first_lanes(count));
+#else
+  V<float> v = {};
+  if (count == kLanes<float>)
+    v = load(p);
+  else
+    std::memcpy(&v, p, count * sizeof(float));
+  return v;
+#endif
+}
+inline void store_few(float* p, const V<float>& v, int count) {
+#if defined(__AVX512F__)
+  _mm512_mask_storeu_ps(p, __mmask16((1u << count) - 1), (__m512)v);
+#elif defined(__AVX2__)
+  _mm256_maskstore_ps(p, first_lanes(count), (__m256)v);
+#else
+  if (count == kLanes<float>)
+    store(p, v);
+  else
+    std::memcpy(p, &v, count * sizeof(float));
+#endif
+}
+
 // Whether a comparison holds in some lane.
 template <class T, class Mask>
 inline bool any(const Mask& mask) {
@@ -59,6 +92,19 @@ inline bool any(const Mask& mask) {
   bool found = false;
   for (int k = 0; k < kLanes<T>; ++k) found |= mask[k] != 0;
   return found;
+#endif
+}
+
+// The larger of every two.
+inline V<float> larger(const V<float>& a, const V<float>& b) {
+#if defined(__AVX512F__)
+  return (V<float>)_mm512_max_ps((__m512)a, (__m512)b);
+#elif defined(__AVX2__)
+  return (V<float>)_mm256_max_ps((__m256)a, (__m256)b);
+#elif defined(__SSE2__)
+  return (V<float>)_mm_max_ps((__m128)a, (__m128)b);
+#else
+  return a > b ? a : b;
 #endif
 }
 

@@ -1,10 +1,8 @@
 // Fine cloths out of coarse ones, for Python: a member after the other, while its few vertices lie in the caches.
-#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
 #include <limits>
-#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -16,6 +14,7 @@
 #include "../nets/resample.hpp"
 #include "../sheet/sheet.hpp"
 #include "core.hpp"
+#include "mend.hpp"
 
 namespace nb = nanobind;
 
@@ -24,8 +23,18 @@ namespace {
 
 using Fields = In<float, 4>;
 
-// What is found of a cloth: all finite, largest structural strain, kinetic energy per mass.
-using Health = std::tuple<bool, double, double>;
+// Mends cloths of one grid, whose vertices `held` stay.
+struct Mend {
+  Mend(const Mending& how_, const In<int, 1>& held_) : how(how_), held(held_.data(), held_.data() + held_.size()) {
+    need(how.rows >= 3 && how.cols >= 3, "a grid of 3 x 3 vertices or more");
+    for (int i : held) need(i >= 0 && i < how.rows * how.cols, "a held vertex is not one of the grid");
+  }
+  void operator()(float* x) const { lanes<MendLanes>().mend(how, held.data(), held.size(), x); }
+  bool fits(std::size_t rows, std::size_t cols) const { return how.rows == int(rows) && how.cols == int(cols); }
+
+  Mending how;
+  std::vector<int> held;
+};
 
 class Fine {
  public:
@@ -46,12 +55,13 @@ class Fine {
     for (int i : guides_) need(i >= 0 && i < int(held_.size()), "no such guide");
   }
 
-  // Fills x and v (B, 3, H, W) and says how sound they are. `guard` is the strain above which positions are
-  // interpolated by `cubic` instead.
-  std::vector<Health> fill(Fields coarse_x, Fields coarse_v, const PatchNet* net, In<float, 2> bias, const Grids* grids,
-                           const Grids* speeds, const Grids* cubic, double guard, In<double, 3> driven_x,
-                           In<double, 3> driven_v, Fields ends, Fields velocities, Out<float, 4> x, Out<float, 4> v,
-                           Out<int, 1> pushed, Out<float, 1> depth, Out<int, 1> guarded, int threads) const {
+  // Fills x and v (B, 3, H, W). `between` mends at the half spacing that a network gives, `mend` at the end. `guard` is
+  // the strain above which positions are interpolated by `cubic` instead.
+  void fill(Fields coarse_x, Fields coarse_v, const PatchNet* net, In<float, 2> bias, const Grids* grids,
+            const Grids* speeds, const Mend* between, const Mend* mend, const Grids* cubic, const Mend* mend_cubic,
+            double guard, In<double, 3> driven_x, In<double, 3> driven_v, Fields ends, Fields velocities,
+            Out<float, 4> x, Out<float, 4> v, Out<int, 1> pushed, Out<float, 1> depth, Out<int, 1> guarded,
+            int threads) const {
     const std::size_t batch = x.shape(0), rows = sheet_.rows, cols = sheet_.cols, held = sheet_.handles.size();
     const std::size_t h = coarse_x.shape(2), w = coarse_x.shape(3), n = 3 * rows * cols, few = 3 * h * w;
     const std::initializer_list<std::size_t> cloth = {batch, 3, rows, cols}, driven = {batch, held, 3},
@@ -71,31 +81,37 @@ class Fine {
          "interpolation after a network must start from half the spacing");
     for (const Grids* each : {grids, speeds, cubic})
       need(!each || (each->rows.count == int(rows) && each->cols.count == int(cols)), "interpolation to another grid");
-    std::vector<Health> all(batch);
+    for (const Mend* each : {mend, mend_cubic}) need(!each || each->fits(rows, cols), "what mends is for another grid");
+    need(!between || (net && grids && between->fits(2 * h - 1, 2 * w - 1)),
+         "what mends between is for half the spacing");
     nb::gil_scoped_release release;
     for_each_member(batch, threads, [&](std::size_t b) {
       float *const at = x.data() + b * n, *const speed = v.data() + b * n;
       const float *from = coarse_x.data() + b * few, *moving = coarse_v.data() + b * few;
       const double* there = driven_x.data() + b * 3 * held;
-      if (net)
+      const std::size_t first = b * sheet_.bodies.size() * 6;
+      const auto met = bodies_at(ends.data() + first, velocities.data() + first);
+      const auto finish = [&](const Mend* mends) {
+        put(at, there);
+        if (mends) (*mends)(at);
+        push_out(at, met, pushed.data()[b], depth.data()[b]);
+      };
+      thread_local std::vector<float> half;
+      if (between) {
+        half.resize(3 * (2 * h - 1) * (2 * w - 1));
+        upscale(*net, from, int(h), int(w), bias.data() + b * net->biases, nullptr, half.data());
+        (*between)(half.data()), (*grids)(half.data(), 3, at);
+      } else if (net)
         upscale(*net, from, int(h), int(w), bias.data() + b * net->biases, grids, at);
       else if (grids)
         (*grids)(from, 3, at);
-      put(at, there);
-      guarded.data()[b] = cubic && !(check(at, at).strain <= guard);
-      if (guarded.data()[b]) (*cubic)(from, 3, at), put(at, there);
+      finish(mend);
+      guarded.data()[b] = cubic && !(strain(at) <= guard);
+      if (guarded.data()[b]) (*cubic)(from, 3, at), finish(mend_cubic);
       if (speeds) (*speeds)(moving, 3, speed);
       put(speed, driven_v.data() + b * 3 * held);
-      if (!sheet_.bodies.empty()) {
-        const std::size_t first = b * sheet_.bodies.size() * 6;
-        const auto met = bodies_at(ends.data() + first, velocities.data() + first);
-        push_out(at, met, pushed.data()[b], depth.data()[b]);
-        stop_at(speed, at, met);
-      }
-      const Check found = check(at, speed);
-      all[b] = {found.finite, found.strain, found.kinetic};
+      stop_at(speed, at, met);
     });
-    return all;
   }
 
  private:
@@ -105,9 +121,11 @@ class Fine {
           rounding_);
   }
 
-  Check check(const float* x, const float* v) const {
-    return lanes<StateLanes<float>>().check(x, v, sheet_.rows, sheet_.cols, float(sheet_.row_length),
-                                            float(sheet_.col_length), sheet_.periodic);
+  // Of the longest structural edge, NaN of a cloth that is not finite.
+  double strain(const float* x) const {
+    const Check found = lanes<StateLanes<float>>().check(x, x, sheet_.rows, sheet_.cols, float(sheet_.row_length),
+                                                         float(sheet_.col_length), sheet_.periodic);
+    return found.finite ? found.strain : std::numeric_limits<double>::quiet_NaN();
   }
 
   std::vector<UpscaledBody> bodies_at(const float* ends, const float* velocities) const {
@@ -163,14 +181,33 @@ class Fine {
 }  // namespace
 
 void bind_fine(nb::module_& m) {
+  nb::class_<Mend>(m, "Mend", "Brings the edges of cloths to their lengths: surrogates/miniature/mending.py.")
+      .def(
+          "__init__",
+          [](Mend* self, int rows, int cols, double row_length, double col_length, In<int, 1> held, int sweeps,
+             double slack, double shorter, double wave, double buckling) {
+            const Mending how = {rows,         cols,           sweeps,      float(row_length), float(col_length),
+                                 float(slack), float(shorter), float(wave), float(buckling)};
+            new (self) Mend(how, held);
+          },
+          nb::arg("rows"), nb::arg("cols"), nb::arg("row_length"), nb::arg("col_length"), nb::arg("held"),
+          nb::arg("sweeps"), nb::arg("slack"), nb::arg("shorter"), nb::arg("wave"), nb::arg("buckling"))
+      .def(
+          "apply",
+          [](const Mend& mend, Out<float, 4> x) {
+            const std::size_t rows = mend.how.rows, cols = mend.how.cols;
+            need(shaped(x, {x.shape(0), 3, rows, cols}), "positions must be (B, 3, H, W)");
+            for (std::size_t b = 0; b < x.shape(0); ++b) mend(x.data() + b * 3 * rows * cols);
+          },
+          nb::arg("x"), "Mends positions (B, 3, H, W) in place.");
   nb::class_<Fine>(m, "Fine", "Makes fine cloths out of coarse ones: upscaled, driven, outside all bodies.")
       .def(nb::init<Sheet, In<int, 1>, In<int, 1>, In<int, 1>, In<float, 1>, double, double>(), nb::arg("sheet"),
            nb::arg("firm"), nb::arg("near"), nb::arg("guides"), nb::arg("pull"), nb::arg("rounding"), nb::arg("reach"))
       .def("fill", &Fine::fill, nb::arg("coarse_x"), nb::arg("coarse_v"), nb::arg("net").none(), nb::arg("bias"),
-           nb::arg("grids").none(), nb::arg("speeds").none(), nb::arg("cubic").none(), nb::arg("guard"),
-           nb::arg("driven_x"), nb::arg("driven_v"), nb::arg("ends"), nb::arg("velocities"), nb::arg("x"), nb::arg("v"),
-           nb::arg("pushed"), nb::arg("depth"), nb::arg("guarded"), nb::arg("threads"),
-           "Fills x and v (B, 3, H, W); per cloth: all finite, largest structural strain, kinetic energy [J/kg].");
+           nb::arg("grids").none(), nb::arg("speeds").none(), nb::arg("between").none(), nb::arg("mend").none(),
+           nb::arg("cubic").none(), nb::arg("mend_cubic").none(), nb::arg("guard"), nb::arg("driven_x"),
+           nb::arg("driven_v"), nb::arg("ends"), nb::arg("velocities"), nb::arg("x"), nb::arg("v"), nb::arg("pushed"),
+           nb::arg("depth"), nb::arg("guarded"), nb::arg("threads"), "Fills x and v (B, 3, H, W).");
 }
 
 }  // namespace minicloth

@@ -31,18 +31,6 @@ Near near(const UpscaledBody& b, const V3<float>& x) {
   return {n, axis_point<float>(b.velocities, t), square * inverse - b.radius};
 }
 
-// The first `count` lanes from p on; the others hold 0, and are not written.
-F load_few(const float* p, int count) {
-  if (count == kWide) return load(p);
-  F v = {};
-  std::memcpy(&v, p, count * sizeof(float));
-  return v;
-}
-void store_few(float* p, const F& v, int count) {
-  if (count == kWide) return store(p, v);
-  std::memcpy(p, &v, count * sizeof(float));
-}
-
 // Calls each(first vertex, lanes, which of them, what is near them) where the gap of some of the n vertices x is less
 // than `reach`.
 template <class Each>
