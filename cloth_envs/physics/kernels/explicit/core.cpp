@@ -130,7 +130,7 @@ bool Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
   const std::size_t folding = sheet_.self_thickness > 0 ? members.size() : 0;
   thread_local std::vector<SelfContact<T>> selves;
   if (selves.size() < folding) selves.resize(folding);
-  for (std::size_t m = 0; m < folding; ++m) selves[m].begin(sheet_, s, f, int(m), h, materials[members[m]].damping);
+  for (std::size_t m = 0; m < folding; ++m) selves[m].begin(sheet_, s, f, int(m), count, materials[members[m]].damping);
   for (int k = 0; k <= count; ++k) {
     if (slow_forces && k % held == 0) {
       const double later = middle(k, std::min(k + held, count + 1), count), since = k > held ? held : held - 0.5;

@@ -127,14 +127,14 @@ void blocks(Sweep<T>& s, T near, T room, T most) {
               if (beside(s, s.at[a], s.at[b], next) && flat(s, a, b)) continue;
               const T gap = box_gap(s.box.data() + a, s.box.data() + b, s.blocks) - near;
               if (gap < room) s.close.push_back(int(s.pairs.size()));
-              s.pairs.push_back({a, b, greater(gap, room), true});
+              s.pairs.push_back({a, b, greater(gap, room), T(kStart), true});
             }
         }
       }
 }
 
 template <class T>
-T stray(Sweep<T>& s, T room, T* far) {
+T stray(Sweep<T>& s) {
   const std::size_t n = s.blocks;
   alignas(64) T now[kWide];
   T mean[3] = {0, 0, 0};
@@ -154,7 +154,7 @@ T stray(Sweep<T>& s, T room, T* far) {
     }
     s.shift[3 * n + b] = std::sqrt(spread);
   }
-  T worst = 0, furthest = 0;
+  T worst = 0;
   const T* const shift = s.shift.data();
   thread_local std::vector<T> own;
   own.assign(n, T(0));
@@ -173,7 +173,7 @@ T stray(Sweep<T>& s, T room, T* far) {
     own[b] = std::sqrt(square) + shift[3 * n + b];
     mark(own[b], s.most / 2, b, b);
   }
-  for (const BlockPair<T>& p : s.pairs) {
+  for (BlockPair<T>& p : s.pairs) {
     if (!p.live) continue;
     T square = 0;
     for (int k = 0; k < 3; ++k) {
@@ -181,10 +181,9 @@ T stray(Sweep<T>& s, T room, T* far) {
       square += d * d;
     }
     const T strayed = std::sqrt(square) + (shift[3 * n + p.a] + shift[3 * n + p.b]);
-    if (p.room <= room) furthest = greater(furthest, strayed);
+    p.haste = lesser(greater(2 * strayed / s.time, T(kCalm)), T(kWild));
     mark(strayed, p.room, p.a, p.b);
   }
-  *far = furthest;
   return worst;
 }
 

@@ -206,7 +206,7 @@ inline Apart<T> two_edges(const Pairs<T>& p, int k) {
 }
 
 template <class T>
-void parts(const Sweep<T>& s, const Looking<T>& how, T room, std::uint8_t (*wait)[kParts + 1]) {
+void parts(const Sweep<T>& s, const Looking<T>& how, T room, FirstLooks* first_looks) {
   constexpr int n = kLanes<T>;
   const int count = int(s.cells.size());
   const T time = s.end - s.time;
@@ -214,7 +214,7 @@ void parts(const Sweep<T>& s, const Looking<T>& how, T room, std::uint8_t (*wait
   thread_local std::vector<int> all, near;
   while (int(all.size()) < count) all.push_back(int(all.size()));
   near.clear();
-  std::fill_n(wait[0], count * (kParts + 1), std::uint8_t(0));
+  for (int i = 0; i < count; ++i) first_looks[i].which = 0;
   Pairs<T> p;
   for (int first = 0; first < count; first += n) {
     get_pairs(s, all.data() + first, count - first, p);
@@ -225,18 +225,21 @@ void parts(const Sweep<T>& s, const Looking<T>& how, T room, std::uint8_t (*wait
   for (int first = 0; first < int(near.size()); first += n) {
     const int left = int(near.size()) - first;
     get_pairs(s, near.data() + first, left, p);
+    alignas(64) T haste[n];
+    for (int l = 0; l < n; ++l) haste[l] = s.pairs[s.cells[near[first + std::min(l, left - 1)]].blocks].haste;
+    const V<T> more = time * load(haste);
     const auto note = [&](const Apart<T>& d, int k) __attribute__((always_inline)) {
       const V<T> d2 = dot(d.now, d.now) + tiny<T>, inverse = rsqrt(d2), far = d2 * inverse, end = inverse * d.end;
       unsigned found = less<T>(far < end ? far : end, limit);
       if (left < n) found &= (1u << left) - 1;
       if (!found) return;
       const V<T> closes = far > end ? far - end : V<T>{};
-      const V<T> w = (time / how.h) * ((far - how.danger) * reciprocal(closes + how.haste * time));
+      const V<T> w = (time / how.h) * ((far - how.danger) * reciprocal(closes + more));
       const V<T> steps = w < one ? one : (w > most ? most : w);
       for (; found; found &= found - 1) {
         const int l = __builtin_ctz(found);
-        std::uint8_t* const to = wait[near[first + l]];
-        to[k] = std::uint8_t(steps[l]), to[kParts] = 1;
+        FirstLooks& to = first_looks[near[first + l]];
+        to.wait[k] = std::uint8_t(steps[l]), to.which |= std::uint16_t(1 << k);
       }
     };
     for (int k = 0; k < kVertexParts; ++k) note(vertex_and_triangle(p, k), k);

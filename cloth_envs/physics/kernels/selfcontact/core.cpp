@@ -6,11 +6,10 @@
 namespace minicloth {
 namespace {
 
-constexpr double kWindow = 0.012;                   // s, for how long ways are followed
-constexpr double kWatch = 0.8;                      // cells, up to which distance blocks are watched that are not close
-constexpr int kSoon = 8, kLate = 16;                // steps from a search to a check, between two checks at most
-constexpr double kCalm = 1, kStart = 5, kWild = 5;  // m/s, what speeds may change by until parts are looked at again
-constexpr int kEnd[3] = {1, 2, 3};                  // corners where edges of a cell end: right, below, diagonal
+constexpr double kWindow = 0.01;    // s, for about how long ways are followed
+constexpr double kWatch = 0.4;      // cells, up to which distance blocks are watched that are not close
+constexpr double kCheck = 0.5;      // of a window, from a search to a check, and between checks at most
+constexpr int kEnd[3] = {1, 2, 3};  // corners where edges of a cell end: right, below, diagonal
 
 template <class T>
 bool sooner(const Close<T>& a, const Close<T>& b) {
@@ -20,11 +19,13 @@ bool sooner(const Close<T>& a, const Close<T>& b) {
 }  // namespace
 
 template <class T>
-void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<T>& f, int member, double h,
+void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<T>& f, int member, int count,
                            double damping) {
-  layer_ = T(sheet.self_thickness), friction_ = T(sheet.self_friction), h_ = T(h), damping_ = T(damping);
+  layer_ = T(sheet.self_thickness), friction_ = T(sheet.self_friction), h_ = T(sheet.frame_dt / count),
+  damping_ = T(damping);
   strips_ = &s, f_ = f, member_ = member, cell_area_ = sheet.row_length * sheet.col_length;
-  haste_ = T(kStart), window_ = std::max(2 * kSoon, int(kWindow / h));
+  const int windows = std::max(int(std::lround(sheet.frame_dt / kWindow)), 1);
+  left_ = count, window_ = (count + windows - 1) / windows;
   sweep_.shape(sheet.rows, sheet.cols, sheet.periodic);
   mobility_.resize(s.field);
   for (int i = 0; i < int(s.places.size()); ++i) {
@@ -64,7 +65,7 @@ void SelfContact<T>::search() {
   sweep_.pairs.clear(), parts_.clear();
   for (auto& kind : due_)
     for (auto& due : kind) due.clear();
-  since_ = 0, check_ = kSoon;
+  since_ = 0, check_ = std::max(int(kCheck * window_), 1);
   find(true);
 }
 
@@ -73,20 +74,22 @@ template <class T>
 void SelfContact<T>::check() {
   sweep_.time = h_ * T(since_);
   get(f_.x, sweep_.x);
-  T far;
-  const double worst = lanes<NearLanes<T>>().stray(sweep_, layer_, &far);
-  haste_ = std::min(std::max(2 * far / sweep_.time, T(kCalm)), T(kWild));
+  const double worst = lanes<NearLanes<T>>().stray(sweep_);
+  const int soon = std::max(int(kCheck * window_), 1);
   const int fresh = int(std::count(sweep_.fresh.begin(), sweep_.fresh.end(), 1));
   if (2 * fresh > sweep_.block_rows * sweep_.block_cols) return search();
   if (!fresh) {  // what strays grows with the square of time
     const double later = since_ * (std::sqrt(kTaken / std::max(worst, 1e-6)) - 1);
-    check_ = since_ + std::min(std::max(int(later), 2), kLate);
+    check_ = since_ + std::min(std::max(int(later), 2), soon);
     return;
   }
-  check_ = since_ + kSoon;
+  check_ = since_ + soon;
   get(f_.v, sweep_.v);
   for (BlockPair<T>& pair : sweep_.pairs) pair.live &= !(sweep_.fresh[pair.a] | sweep_.fresh[pair.b]);
   remember();
+  const auto gone = [&](int part) { return !sweep_.pairs[parts_[part].owner].live; };
+  for (auto& kind : due_)
+    for (auto& due : kind) due.erase(std::remove_if(due.begin(), due.end(), gone), due.end());
   find(false);
 }
 
@@ -97,21 +100,20 @@ void SelfContact<T>::find(bool all) {
   near.blocks(sweep_, layer_, layer_, std::max(layer_, T(kWatch * std::sqrt(cell_area_))));
   near.cells(sweep_, 2 * layer_);
   first_.resize(sweep_.cells.size());
-  auto* const first = reinterpret_cast<std::uint8_t (*)[kParts + 1]>(first_.data());
-  near.parts(sweep_, {layer_, layer_ / 2, haste_, h_}, layer_, first);
+  near.parts(sweep_, {layer_, layer_ / 2, h_}, layer_, first_.data());
   for (std::size_t p = 0; p < sweep_.cells.size(); ++p)
-    if (first[p][kParts]) add(sweep_.cells[p], first[p]);
+    if (first_[p].which) add(sweep_.cells[p], first_[p]);
 }
 
 template <class T>
-void SelfContact<T>::add(const CellPair& cells, const std::uint8_t (&wait)[kParts + 1]) {
+void SelfContact<T>::add(const CellPair& cells, const FirstLooks& looks) {
   int at[2][4];
   for (int q = 0; q < 4; ++q) at[0][q] = corner_[q][cells.first], at[1][q] = corner_[q][cells.second];
   const auto missing = [&](const int (&cell)[4], int q) {  // an edge, as the sheet ends
     return cell[0] == cell[q] || (q == 3 && (cell[0] == cell[1] || cell[0] == cell[2]));
   };
-  for (int k = 0; k < kParts; ++k) {
-    if (!wait[k]) continue;
+  for (unsigned which = looks.which; which; which &= which - 1) {
+    const int k = __builtin_ctz(which);
     Close<T> part = {{}, {0, 0, 0}, cells.blocks, false};
     std::array<int, 4>& x = part.at;
     if (k < kVertexParts) {
@@ -131,7 +133,7 @@ void SelfContact<T>::add(const CellPair& cells, const std::uint8_t (&wait)[kPart
         touched_.push_back(int(parts_.size()));
       }
     }
-    due_[k >= kVertexParts][(now_ + wait[k] - 1) % (kMostSteps + 1)].push_back(int(parts_.size()));
+    due_[k >= kVertexParts][(now_ + looks.wait[k] - 1) % (kMostSteps + 1)].push_back(int(parts_.size()));
     parts_.push_back(part);
   }
 }
@@ -155,6 +157,7 @@ void SelfContact<T>::step() {
   ++since_;
   for (const bool edges : {false, true}) look(edges, due_[edges][now_]);
   now_ = (now_ + 1) % (kMostSteps + 1);
+  if (--left_ == 0) return;
   if (since_ >= window_)
     search();
   else if (since_ >= check_)

@@ -16,8 +16,8 @@ namespace minicloth {
 template <class T>
 class SelfContact {
  public:
-  // Of the cloth in lane `member` of `f`, at the start of a frame in steps of h.
-  void begin(const Sheet& sheet, const Strips<T>& s, const Fields<T>& f, int member, double h, double damping);
+  // Of the cloth in lane `member` of `f`, at the start of a frame of `count` steps.
+  void begin(const Sheet& sheet, const Strips<T>& s, const Fields<T>& f, int member, int count, double damping);
   // At the end of a step.
   void step();
 
@@ -26,13 +26,13 @@ class SelfContact {
   void search();
   void check();
   void find(bool all);
-  void add(const CellPair& cells, const std::uint8_t (&wait)[kParts + 1]);
+  void add(const CellPair& cells, const FirstLooks& looks);
   void remember();
   void look(bool edges, std::vector<int>& which);
   bool resolve(int part, bool edges, int steps, bool first);
 
   Sweep<T> sweep_;
-  std::vector<std::array<std::uint8_t, kParts + 1>> first_;
+  std::vector<FirstLooks> first_;
   std::vector<Close<T>> parts_;
   std::vector<int> due_[2][kMostSteps + 1];  // of both kinds, what to look at in so many steps, as a ring from now_
   std::vector<std::uint8_t> wait_;
@@ -43,8 +43,9 @@ class SelfContact {
 
   const Strips<T>* strips_ = nullptr;
   Fields<T> f_;
-  int member_ = 0, now_ = 0, since_ = 0, check_ = 0, window_ = 0;  // steps since a search, when to check, to search
-  T layer_ = 0, friction_ = 0, h_ = 0, damping_ = 0, haste_ = 0;
+  int member_ = 0, now_ = 0, left_ = 0;     // steps of the frame left
+  int since_ = 0, check_ = 0, window_ = 0;  // steps since a search, when to check, to search
+  T layer_ = 0, friction_ = 0, h_ = 0, damping_ = 0;
   double cell_area_ = 1;
   std::vector<std::uint8_t> crowd_;  // of elements: in how many pairs that are kept apart now
   std::vector<T> mobility_;          // of elements: 1 / area over that of an inner vertex, 0 where firmly held

@@ -28,18 +28,19 @@ inline V<float> gather(const float* base, const int* at) {
 #endif
 
 template <class T>
-void look(const T* x, const T* v, int width, Close<T>* parts, const int* which, int count, bool edges,
-          const Looking<T>& how, std::uint8_t* wait) {
+void look(const T* x, const T* v, int width, const Sweep<T>& s, Close<T>* parts, const int* which, int count,
+          bool edges, const Looking<T>& how, std::uint8_t* wait) {
   constexpr int n = kLanes<T>;
   const V<T> none = {}, one = none + T(1), most = none + T(kMostSteps);
   const T rate = 1 / how.h;
   for (int first = 0; first < count; first += n) {
     alignas(64) int at[4][n];
-    alignas(64) T old[3][n];
+    alignas(64) T old[3][n], haste[n];
     for (int l = 0; l < n; ++l) {
       const Close<T>& part = parts[which[std::min(first + l, count - 1)]];
       for (int k = 0; k < 3; ++k) old[k][l] = part.side[k];
       for (int q = 0; q < 4; ++q) at[q][l] = part.at[q];
+      haste[l] = s.pairs[part.owner].haste;
     }
     V3<T> p[4], w[4];
     for (int q = 0; q < 4; ++q) {
@@ -55,7 +56,7 @@ void look(const T* x, const T* v, int width, Close<T>* parts, const int* which, 
     const V3<T> up = way * d;
     const V<T> un = dot(u, up), closing = un < none ? -un : none, room = far - how.danger;
     const V<T> u2 = dot(u, u) + tiny<T>;
-    V<T> steps = (rate * room) / (u2 * rsqrt(u2) + how.haste);
+    V<T> steps = (rate * room) / (u2 * rsqrt(u2) + load(haste));
     steps = (turned | (steps < one)) ? one : (steps > most ? most : steps);
     const V<T> gap = far - how.reach;
     const auto act = turned | (gap < closing * (how.h * steps));

@@ -20,11 +20,12 @@ constexpr int kRecord = 32;                         // numbers of a cell: its co
 constexpr int kVertexParts = 4, kParts = 13;  // pairs of a vertex and a triangle, and all, of two cells: see parts
 
 // Two blocks whose points may stray from their ways by `room` against each other before something else than what was
-// found of them may be close; until one of them is searched anew.
+// found of them may be close; until one of them is searched anew. By `haste` [m/s] the speed may change at which their
+// parts close until these are looked at again.
 template <class T>
 struct BlockPair {
   int a, b;
-  T room;
+  T room, haste;
   bool live;
 };
 struct CellPair {
@@ -79,10 +80,17 @@ struct Sweep {
 // How often close parts are looked at: one that lies `far` apart and closes at a speed u, in
 // (far - danger) / ((u + haste) h) steps, from 1 to kMostSteps. kAct says that it has to be kept apart before.
 constexpr int kMostSteps = 32, kAct = 128;
-constexpr double kTaken = 0.7;  // of their room, from which blocks are searched anew
+constexpr double kTaken = 1;                        // of their room, from which blocks are searched anew
+constexpr double kStart = 5, kCalm = 1, kWild = 5;  // m/s: haste of what was just found, and the least and the most
 template <class T>
 struct Looking {
-  T reach, danger, haste, h;  // m, m, m/s, s
+  T reach, danger, h;  // m, m, s
+};
+
+// Of the parts of two cells: which to look at, as bits, and in how many steps first.
+struct FirstLooks {
+  std::uint16_t which;
+  std::uint8_t wait[kParts];
 };
 
 // A vertex and a triangle, or two edges: elements of a field; the unit vector from the second to the first when they
@@ -103,17 +111,16 @@ struct NearLanes {
   // what is further apart may stray by half of `most` from the middle of all.
   void (*blocks)(Sweep<T>&, T near, T room, T most);
   void (*cells)(Sweep<T>&, T reach);
-  // Of all cells found: wait[i][k], in how many steps to look first at their parts k, 0 where these stay apart by reach
-  // and room until the end. Parts 0, 1: vertex of the first, lower and upper triangle of the second; 2, 3: the other
-  // way round; 4 + 3 a + b: edges a and b. The last number: any.
-  void (*parts)(const Sweep<T>&, const Looking<T>&, T room, std::uint8_t (*wait)[kParts + 1]);
-  // Marks blocks as fresh that strayed from each other by kTaken of their room. The largest part of its room that any
-  // took; `far`, the most that blocks strayed which have `room` [m].
-  T (*stray)(Sweep<T>&, T room, T* far);
+  // Of all cells found, those of their parts that do not stay apart by reach and room until the end. Parts 0, 1: vertex
+  // of the first, lower and upper triangle of the second; 2, 3: the other way round; 4 + 3 a + b: edges a and b.
+  void (*parts)(const Sweep<T>&, const Looking<T>&, T room, FirstLooks*);
+  // Marks blocks as fresh that strayed from each other by kTaken of their room, and has haste of all as they strayed.
+  // The largest part of its room that any took.
+  T (*stray)(Sweep<T>&);
   // Of `count` pairs of parts, numbers in `parts`: when to look at each again. A pair whose vector turned round since
   // it was last looked at went through each other; its vector is the old way round.
-  void (*look)(const T* x, const T* v, int width, Close<T>* parts, const int* which, int count, bool edges,
-               const Looking<T>&, std::uint8_t* wait);
+  void (*look)(const T* x, const T* v, int width, const Sweep<T>&, Close<T>* parts, const int* which, int count,
+               bool edges, const Looking<T>&, std::uint8_t* wait);
 };
 DECLARE_LANES(NearLanes<float>)
 DECLARE_LANES(NearLanes<double>)

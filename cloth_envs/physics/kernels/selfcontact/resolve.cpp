@@ -50,13 +50,11 @@ void nearest_on_edges(const Vec<T> (&x)[4], T (&share)[4]) {
 // Looks at what is due now, keeps apart what has to be, and says when to look again.
 template <class T>
 void SelfContact<T>::look(bool edges, std::vector<int>& which) {
-  const auto gone = [&](int part) { return !sweep_.pairs[parts_[part].owner].live; };
-  which.erase(std::remove_if(which.begin(), which.end(), gone), which.end());
   const int count = int(which.size());
   if (!count) return;
   wait_.resize(count), acts_.clear();
-  lanes<NearLanes<T>>().look(f_.x, f_.v, strips_->width, parts_.data(), which.data(), count, edges,
-                             {layer_, layer_ / 2, haste_, h_}, wait_.data());
+  lanes<NearLanes<T>>().look(f_.x, f_.v, strips_->width, sweep_, parts_.data(), which.data(), count, edges,
+                             {layer_, layer_ / 2, h_}, wait_.data());
   for (int i = 0; i < count; ++i) {
     const int steps = wait_[i] & (kAct - 1);
     if (wait_[i] & kAct) {
