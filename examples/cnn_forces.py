@@ -33,7 +33,7 @@ def run(forces: list, handles: tuple = (), frames: int = 3) -> State:
 
 def wind() -> None:
     """The reference's own wind law, up through a net that is pinned along its first row."""
-    blowing = replace(World("Flag").scene, grid=GRID, air=Air(max_wind=12.0))
+    blowing = replace(World("Flag", self_contact=False).scene, grid=GRID, air=Air(max_wind=12.0))
 
     def force(x: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
         up = air_forces(blowing, x.numpy(), v.numpy(), np.array([[0.0, 0.0, 2.0]]))

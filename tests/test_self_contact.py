@@ -11,15 +11,18 @@ from cloth_envs.recording.spec import spec_texts
 from cloth_envs.registry import PRESETS
 from cloth_envs.scene import SelfContact
 from cloth_envs.world import World
-from surrogates.miniature.coarse import CoarsePhysics
 
 SMALL = (9, 9)
 
 
+FOLDING = ("Curtain", "Flag", "Hanging", "BallDrop")
+
+
 @pytest.mark.parametrize("name", cloth_envs.SCENES)
-def test_it_is_on_request_and_described(name: str) -> None:
+def test_scenes_that_fold_list_it(name: str) -> None:
     for on in (None, False, True):
         scene = World(name, self_contact=on).scene
+        on = name in FOLDING if on is None else on
         assert scene.self_contact == (SelfContact() if on else None)
         modelled, missing = scene.describe().split("not modelled:")
         words = f"self-contact, layers {1e3 * scene.layer:.2g} mm apart, friction 0.3"
@@ -30,7 +33,7 @@ def test_it_is_on_request_and_described(name: str) -> None:
 
 def test_the_distance_of_layers_is_what_kernels_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, fine = (World("Hanging", resolution=shape, self_contact=True).scene for shape in ((33, 33), (65, 129)))
-    without = World("Hanging").scene
+    without = World("Hanging", self_contact=False).scene
     assert (scene.layer, fine.layer, without.layer) == (0.004, 1 / 128 / 4, 0)
     monkeypatch.setattr(solver.kernels, "Sheet", lambda **given: (given["self_thickness"], given["self_friction"]))
     assert solver.kernel_sheet(fine) == (fine.layer, 0.3)
@@ -64,12 +67,13 @@ def test_solvers_without_it_say_so(chosen: str) -> None:
             World("Hanging", resolution=SMALL, self_contact=True, **physics)
 
 
-def test_miniatures_have_it_in_the_coarse_cloth() -> None:
-    world = World("Hanging", backend="miniature", self_contact=True)
-    assert world.scene.self_contact == world.backend.coarse.scene.self_contact == SelfContact()  # type: ignore[attr-defined]
-    assert world.backend.coarse.scene.layer == 0.004  # type: ignore[attr-defined]
-    assert CoarsePhysics(world.scene, layer=0.006).scene.layer == 0.006
-    off = World("Hanging", backend="miniature")
+@pytest.mark.parametrize(("factor", "layer"), [(2, 0.0078125), (4, 0.015625)])
+def test_miniatures_have_it_in_the_coarse_cloth(factor: int, layer: float) -> None:
+    world = World("Hanging", backend="miniature", backend_kwargs={"factor": factor})
+    assert world.scene.self_contact == SelfContact()
+    assert world.backend.coarse.scene.layer == pytest.approx(layer)  # type: ignore[attr-defined]
+    off = World("Hanging", backend="miniature", backend_kwargs={"factor": factor}, self_contact=False)
+    assert off.scene.self_contact is None
     assert off.backend.coarse.scene.self_contact is None  # type: ignore[attr-defined]
 
 

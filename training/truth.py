@@ -19,16 +19,21 @@ from training.rollouts import Recording, record, seeded_actions, stack_controls,
 
 @dataclass(frozen=True)
 class Case:
-    """One episode under seeded smooth actions, on a grid ``coarse`` times coarser (1/2: finer), by one of TRUTHS."""
+    """One episode under seeded smooth actions, on a grid ``coarse`` times coarser (1/2: finer), by one of TRUTHS.
+
+    ``self_contact`` as in ``World``.
+    """
 
     scene: str
     seed: int = 0
     coarse: float = 1
     truth: str = "g1"
+    self_contact: bool | None = None
 
     def world(self) -> World:
         resolution = coarser(load_task(self.scene).resolution, self.coarse)
-        return World(self.scene, backend_kwargs=TRUTHS[self.truth], resolution=resolution)
+        options = TRUTHS[self.truth]
+        return World(self.scene, backend_kwargs=options, resolution=resolution, self_contact=self.self_contact)
 
     def record(self, frames: int, keep: Iterable[int]) -> Recording:
         """The run, computed.

@@ -153,7 +153,7 @@ class Flag2019(Lee2019, Flag):
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
         air = Air(lift=0.0, tangential=cls.options["tangential"], max_wind=FASTEST)
-        return replace(super().build_scene(grid, material), air=air)
+        return replace(super().build_scene(grid, material), air=air, self_contact=None)
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

@@ -4,7 +4,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.scene import Air, Collider, Scene
+from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
 from cloth_envs.scenes.measures import columns, ramp, tolerance
 from cloth_envs.scenes.task import Episode, Start, Task, documented
@@ -46,8 +46,8 @@ class BallDrop(Task):
     beside the ball's axis.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, still air, contact and friction with the ball and the ground. Folds can pass
-    through each other, but with `self_contact=True`. The ball slides, it doesn't roll, and doesn't feel the cloth.
+    Springs, damping, bending, gravity, still air, contact and friction with the ball, the ground and
+    itself. The ball slides, it doesn't roll, and doesn't feel the cloth.
     """
 
     size = (1.0, 1.0)
@@ -68,7 +68,8 @@ class BallDrop(Task):
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
         bodies = (Collider("sphere", RADIUS, 0.5, "ball"), Collider("plane", 0.0, 0.5, "ground"))
-        return Scene("BallDrop", grid, material, cls.frame_dt, colliders=bodies, air=Air())
+        own = SelfContact()
+        return Scene("BallDrop", grid, material, cls.frame_dt, colliders=bodies, air=Air(), self_contact=own)
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

@@ -7,7 +7,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
 from cloth_envs.material import Material
-from cloth_envs.scene import Air, Scene
+from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.measures import columns, mean_span, tolerance
 from cloth_envs.scenes.starts import bow
@@ -50,8 +50,7 @@ class Curtain(Task):
     towards the hem.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, still air, rings. Neighbouring pleats can pass through each other, but with
-    `self_contact=True`. No friction of rings on the rail.
+    Springs, damping, bending, gravity, still air, rings, contact and friction of pleats with each other. No friction of rings on the rail.
     """
 
     size = (1.5, 1.0)
@@ -77,7 +76,13 @@ class Curtain(Task):
         rings = min(RINGS, (grid.cols + 1) // 2)  # at least two cells a pleat
         columns = np.linspace(0, grid.cols - 1, rings).round().astype(int)
         grips = tuple(Grip((0.0, col * grid.col_spacing), RING, (False, False, True)) for col in columns.tolist())
-        return Scene("Curtain", grid, material, cls.frame_dt, handles=held(grid, grips), grips=grips, air=Air())
+        return Scene(
+            *("Curtain", grid, material, cls.frame_dt),
+            handles=held(grid, grips),
+            grips=grips,
+            air=Air(),
+            self_contact=SelfContact(),
+        )
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

@@ -4,7 +4,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.scene import Air, Scene
+from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, draw_gust, gusty_wind
 from cloth_envs.scenes.measures import along, columns, loop_area, ramp
 from cloth_envs.scenes.task import Episode, Start, Task, documented
@@ -43,8 +43,8 @@ class Flag(Task):
     and the onlooker's direction, up to 34 degrees beside the wind, are random.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, wind with lift on cells, the pole. Folds of the flag can pass through each
-    other, but with `self_contact=True`.
+    Springs, damping, bending, gravity, wind with lift on cells, the pole, contact and friction of the flag
+    with itself.
     """
 
     size = (1.0, 1.5)
@@ -65,7 +65,8 @@ class Flag(Task):
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
         hoist = tuple(grid.index(row, 0) for row in range(grid.rows))
-        return Scene("Flag", grid, material, cls.frame_dt, handles=hoist, air=Air(max_wind=FASTEST))
+        air = Air(max_wind=FASTEST)
+        return Scene("Flag", grid, material, cls.frame_dt, handles=hoist, air=air, self_contact=SelfContact())
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

@@ -5,7 +5,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
 from cloth_envs.material import Material
-from cloth_envs.scene import Air, Scene
+from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, draw_gust, gust
 from cloth_envs.scenes.measures import columns, tolerance
 from cloth_envs.scenes.task import Episode, Start, Task, documented
@@ -47,8 +47,8 @@ class Hanging(Task):
     whole. The goal is random.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, still air, the breeze as a small pressure along the normals. Folds can pass
-    through each other, but with `self_contact=True`.
+    Springs, damping, bending, gravity, still air, the breeze as a small pressure along the normals, contact
+    and friction of the cloth with itself.
     """
 
     size = (1.0, 1.0)
@@ -72,7 +72,12 @@ class Hanging(Task):
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
         grips = (Grip((0.0, 0.0), GRIP),)
         return Scene(
-            "Hanging", grid, material, cls.frame_dt, handles=held(grid, grips), grips=grips, pressure=True, air=Air()
+            *("Hanging", grid, material, cls.frame_dt),
+            handles=held(grid, grips),
+            grips=grips,
+            pressure=True,
+            air=Air(),
+            self_contact=SelfContact(),
         )
 
     def start(self, rng: np.random.Generator) -> Start:

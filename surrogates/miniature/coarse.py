@@ -32,18 +32,16 @@ def coarse_grid(grid: Grid, factor: float, least: int = 2) -> Grid:
     return replace(grid, rows=rows + 1, cols=max(3, cols if grid.periodic else cols + 1))
 
 
-def coarse_scene(
-    scene: Scene, factor: float, material: Material, least: int = 2, layer: float | None = None
-) -> tuple[Scene, Handles]:
+def coarse_scene(scene: Scene, factor: float, material: Material, least: int = 2) -> tuple[Scene, Handles]:
     """``scene`` on ``coarse_grid`` with ``material``, and how its handles follow those of ``scene``.
 
-    ``layer`` [m] is the thickness of its self-contact, where it has any; by default that of ``scene``.
+    Where the cloth keeps out of itself, its layers are thicker as its cells are larger.
     """
     grid = coarse_grid(scene.grid, factor, least)
     handles = Handles.of(scene.grid, grid, scene.handles, scene.grips)
     own = scene.self_contact
-    if own is not None and layer is not None:
-        own = replace(own, thickness=layer)
+    if own is not None:
+        own = replace(own, thickness=scene.layer * grid.row_spacing / scene.grid.row_spacing)
     return replace(scene, grid=grid, handles=handles.vertices, material=material, self_contact=own), handles
 
 
@@ -67,7 +65,6 @@ class CoarsePhysics:
     Args:
         fine: the scene at full resolution. num_envs: members of the batch.
         factor, least: how many times fewer cells along each side, above 1, and how many are kept: ``coarse_grid``.
-        layer: thickness [m] of the coarse cloth's self-contact; None: the scene's.
         scaling, factors: of the sheet's material, see ``closure``.
         solver, options: of the coarse cloth, as for ``backend="reference"``.
 
@@ -88,7 +85,6 @@ class CoarsePhysics:
         num_envs: int = 1,
         factor: float = 2,
         least: int = 2,
-        layer: float | None = None,
         scaling: str = "similar",
         factors: Mapping[str, float] | None = None,
         solver: str = "explicit",
@@ -101,7 +97,7 @@ class CoarsePhysics:
                 raise ValueError(f'factors need scaling="calibrated" or "closure", got scaling={scaling!r}')
             factors = {}
         self._factors = load_factors(fine.name, factor, scaling) if factors is None else _numbers(factors)
-        self.scene, self.handles = coarse_scene(fine, factor, self.material(fine.material), least, layer)
+        self.scene, self.handles = coarse_scene(fine, factor, self.material(fine.material), least)
         # A coarse grid's own errors are larger than the air's; one that is not coarser is stepped as the reference.
         coarser = self.scene.grid != fine.grid and fine.particles is None
         usual = {"held": HELD} if solver == "explicit" and coarser else {}

@@ -1,6 +1,7 @@
 """Coarse physics and an upscaler, composed to a backend."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -35,7 +36,8 @@ class Upscaled:
     def __init__(
         self, coarse: CoarsePhysics, upscaling: Upscaler, *, mend: bool = False, guard: bool = False, threads: int = 1
     ) -> None:
-        self.scene, self.coarse, self.upscaling = coarse.fine, coarse, upscaling
+        own = coarse.fine.self_contact if getattr(coarse.solver, "self_contact", False) else None
+        self.scene, self.coarse, self.upscaling = replace(coarse.fine, self_contact=own), coarse, upscaling
         mending = Mending.of(upscaling, coarse.handles.vertices) if mend else None
         self.fine = Fine(self.scene, coarse.handles, upscaling, mending=mending, guard=guard, threads=threads)
         self._state: State | None = None
@@ -52,7 +54,7 @@ class Upscaled:
     @property
     def self_contact(self) -> bool:
         """Whether the coarse cloth keeps out of itself where the scene lists that."""
-        return bool(getattr(self.coarse.solver, "self_contact", False))
+        return self.scene.self_contact is not None
 
     @property
     def guarded(self) -> np.ndarray:

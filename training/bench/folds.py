@@ -110,7 +110,8 @@ def runs(name: str, fabric: str, sizes: Sequence[int], seed: int, time: float) -
     common, finest = min(sizes) - 1, None
     for size in sorted(sizes, reverse=True):
         material = FABRICS[fabric].with_changes(drag=SLOWED)
-        scene = replace(load_task(name).make_scene(resolution=(size, size), material=material), pressure=False)
+        scene = load_task(name).make_scene(resolution=(size, size), material=material)
+        scene = replace(scene, pressure=False, self_contact=None)
         state = rest(scene, seed, time)
         every = state.positions[0, :, :: (size - 1) // common, :: (size - 1) // common].astype(float)
         finest = every if finest is None else finest

@@ -84,7 +84,7 @@ class Identified(NamedTuple):
 
 def data(name: str, seed: int, frames: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
     """Columns ``(17, R)`` and accelerations ``(R,)`` of states on an episode with smooth actions."""
-    run = Case(name, seed, truth="plain").record(max(frames), frames)
+    run = Case(name, seed, truth="plain", self_contact=False).record(max(frames), frames)
     substeps, blocks, wanted = int(ExplicitSolver(run.scene).substeps[0]), [], []
     for frame in frames:
         state = run.states[frame]
@@ -112,7 +112,7 @@ def identify(name: str, frames: Sequence[int] = FRAMES) -> Identified:
 
 def sheet_errors(name: str, factors: Mapping[str, float]) -> list[float]:
     """Mean distance from the reference 1, 5 and 10 frames after its 20th, in float32, in % of the cloth's length."""
-    run = Case(name, HELD_OUT, truth="plain").record(30, [20])
+    run = Case(name, HELD_OUT, truth="plain", self_contact=False).record(30, [20])
     solvers = CellSheet(run.scene, factors), ExplicitSolver(run.scene)
     pairs = zip(*(replay(solver, run.states[20], run.controls[20:]) for solver in solvers), strict=True)
     length = run.scene.grid.length

@@ -87,7 +87,7 @@ def compare(scene: str, seeds: Sequence[int], cache: Path) -> list[LargeStepRow]
     """Every method on ``scene``; truths are kept in ``cache``."""
     found: dict[str, list[list[float]]] = {}
     for seed in seeds:
-        truth = load(Case(scene, seed), START + HORIZON, range(START, START + HORIZON + 1), cache)
+        truth = load(Case(scene, seed, self_contact=False), START + HORIZON, range(START, START + HORIZON + 1), cache)
         start, controls = truth.states[START], truth.controls[START : START + HORIZON]
         for method, backend in methods(truth.scene).items():
             run(backend, truth.scene, start, controls[:2])  # warms up

@@ -15,6 +15,7 @@
 #include "../sheet/sheet.hpp"
 #include "core.hpp"
 #include "mend.hpp"
+#include "separate.hpp"
 
 namespace nb = nanobind;
 
@@ -95,6 +96,12 @@ class Fine {
         put(at, there);
         if (mends) (*mends)(at);
         push_out(at, met, pushed.data()[b], depth.data()[b]);
+        if (!(sheet_.self_thickness > 0)) return;
+        for (int round = 0; round < 2 && separate(sheet_, from, int(h), int(w), at); ++round) {
+          int again;
+          float deepest;
+          put(at, there), push_out(at, met, again, deepest);
+        }
       };
       thread_local std::vector<float> half;
       if (between) {

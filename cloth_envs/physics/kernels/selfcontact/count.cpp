@@ -2,13 +2,11 @@
 
 #include <algorithm>
 
+#include "crossing.hpp"
+
 namespace minicloth {
 
 namespace {
-
-Vec<double> cross(const Vec<double>& a, const Vec<double>& b) {
-  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
 
 template <class Box>
 bool apart(const Box& a, const Box& b) {
@@ -23,29 +21,6 @@ void include(Box& box, const Box& other) {
     box.low[k] = std::min(box.low[k], other.low[k]);
     box.high[k] = std::max(box.high[k], other.high[k]);
   }
-}
-
-// Whether the line from p to q passes inside of the triangle's edges.
-bool inside(const Vec<double>& p, const Vec<double>& q, const Vec<double> (&t)[3]) {
-  const Vec<double> way = q - p, a = t[0] - p, b = t[1] - p, c = t[2] - p;
-  const double u = dot(way, cross(a, b)), v = dot(way, cross(b, c)), w = dot(way, cross(c, a));
-  return (u > 0 && v > 0 && w > 0) || (u < 0 && v < 0 && w < 0);
-}
-
-// Whether an edge of t, whose corners are at signed distances d from the plane of f, crosses the inside of f.
-bool crosses(const Vec<double> (&t)[3], const double (&d)[3], const Vec<double> (&f)[3]) {
-  for (int k = 0; k < 3; ++k) {
-    const int next = k == 2 ? 0 : k + 1;
-    if (((d[k] < 0 && d[next] > 0) || (d[k] > 0 && d[next] < 0)) && inside(t[k], t[next], f)) return true;
-  }
-  return false;
-}
-
-// Signed distances of t's corners from the plane through a point with a normal, times its length; whether some lie on
-// either side.
-bool sides(const Vec<double> (&t)[3], const Vec<double>& point, const Vec<double>& normal, double (&d)[3]) {
-  for (int k = 0; k < 3; ++k) d[k] = dot(normal, t[k] - point);
-  return std::min({d[0], d[1], d[2]}) < 0 && std::max({d[0], d[1], d[2]}) > 0;
 }
 
 }  // namespace
@@ -135,9 +110,7 @@ void Crossings::test(int a, int b) {
   for (int corner : i)
     if (corner == k[0] || corner == k[1] || corner == k[2]) return;
   const Vec<double> p[3] = {at_[i[0]], at_[i[1]], at_[i[2]]}, q[3] = {at_[k[0]], at_[k[1]], at_[k[2]]};
-  double from_a[3], from_b[3];
-  if (!sides(p, q[0], normals_[b], from_b) || !sides(q, p[0], normals_[a], from_a)) return;
-  if (crosses(p, from_b, q) || crosses(q, from_a, p)) found_.push_back({std::min(a, b), std::max(a, b)});
+  if (cross_each_other(p, normals_[a], q, normals_[b])) found_.push_back({std::min(a, b), std::max(a, b)});
 }
 
 template const std::vector<Crossings::Pair>& Crossings::find(const float*);

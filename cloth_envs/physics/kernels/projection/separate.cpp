@@ -1,0 +1,139 @@
+#include "separate.hpp"
+
+#include <algorithm>
+#include <vector>
+
+#include "../selfcontact/crossing.hpp"
+#include "../selfcontact/near.hpp"
+
+namespace minicloth {
+namespace {
+
+constexpr int kHalvings = 6, kRounds = 10;  // how often vertices are drawn half-way, and in all: then all the way
+constexpr int kRings = 2;                   // of vertices around them, which are drawn
+constexpr float kLess = 0.6f;               // times as much from ring to ring
+constexpr float kTouch = 1e-6f;             // m, so near are cells that may cross
+
+// Keeps its memory from cloth to cloth.
+class Separate {
+ public:
+  bool operator()(const Sheet& sheet, const float* coarse, int h, int w, float* x);
+
+ private:
+  bool cross(const float* x, float cell_area, bool all);
+  void facets(const float* coarse, int h, int w);
+  void spread();
+
+  Sweep<float> sweep_;
+  std::vector<float> facets_, mark_, before_;  // where vertices are in facets, what part of the way they are drawn
+};
+
+// Marks the vertices of triangles that cross, in all the cloth or where one lies in a fresh block; whether some do.
+bool Separate::cross(const float* x, float cell_area, bool all) {
+  const int n = sweep_.rows * sweep_.cols;
+  const auto& near = lanes<NearLanes<float>>();
+  for (int k = 0; k < 3; ++k) std::copy_n(x + k * n, n, sweep_.x.data() + k * sweep_.plane);
+  sweep_.pairs.clear();
+  near.boxes(sweep_, cell_area, all);
+  near.blocks(sweep_, kTouch, kTouch, kTouch);
+  near.cells(sweep_, kTouch);
+  std::fill(mark_.begin(), mark_.end(), 0.0f);
+  bool found = false;
+  for (const CellPair& cells : sweep_.cells) {
+    int at[2][4];
+    for (int q = 0; q < 4; ++q) at[0][q] = sweep_.corner[q][cells.first], at[1][q] = sweep_.corner[q][cells.second];
+    const auto real = [&](const int (&cell)[4]) { return cell[0] != cell[1] && cell[0] != cell[2]; };
+    if (!real(at[0]) || !real(at[1])) continue;
+    Vec<double> corners[2][4];
+    for (int c = 0; c < 2; ++c)
+      for (int q = 0; q < 4; ++q) {
+        const int i = at[c][q];
+        corners[c][q] = {x[i], x[n + i], x[2 * n + i]};
+      }
+    for (int i = 0; i < 2; ++i)
+      for (int j = 0; j < 2; ++j) {
+        const int a[3] = {0, i ? 3 : 2, i ? 1 : 3}, b[3] = {0, j ? 3 : 2, j ? 1 : 3};
+        bool common = false;
+        for (int k = 0; k < 9; ++k) common |= at[0][a[k / 3]] == at[1][b[k % 3]];
+        if (common) continue;
+        const Vec<double> p[3] = {corners[0][a[0]], corners[0][a[1]], corners[0][a[2]]};
+        const Vec<double> q[3] = {corners[1][b[0]], corners[1][b[1]], corners[1][b[2]]};
+        if (!cross_each_other(p, minicloth::cross(p[1] - p[0], p[2] - p[0]), q,
+                              minicloth::cross(q[1] - q[0], q[2] - q[0])))
+          continue;
+        found = true;
+        for (int k = 0; k < 3; ++k) mark_[at[0][a[k]]] = mark_[at[1][b[k]]] = 1;
+      }
+  }
+  return found;
+}
+
+// Where every vertex lies in the facets.
+void Separate::facets(const float* coarse, int h, int w) {
+  const int rows = sweep_.rows, cols = sweep_.cols, n = rows * cols;
+  const bool periodic = sweep_.periodic;
+  facets_.resize(3 * n);
+  for (int r = 0; r < rows; ++r) {
+    const float down = float(r) * float(h - 1) / float(rows - 1);
+    const int i = std::min(int(down), h - 2);
+    for (int c = 0; c < cols; ++c) {
+      const float along = periodic ? float(c) * float(w) / float(cols) : float(c) * float(w - 1) / float(cols - 1);
+      const int j = std::min(int(along), periodic ? w - 1 : w - 2), right = j + 1 < w ? j + 1 : 0;
+      const float a = down - float(i), b = along - float(j);
+      for (int k = 0; k < 3; ++k) {
+        const float *const upper = coarse + (k * h + i) * w, *const lower = upper + w;
+        const float side = a >= b ? lower[j] : upper[right], more = a >= b ? a - b : b - a;
+        facets_[k * n + r * cols + c] =
+            upper[j] + more * (side - upper[j]) + std::min(a, b) * (lower[right] - upper[j]);
+      }
+    }
+  }
+}
+
+// Marks the rings of vertices around those that are marked.
+void Separate::spread() {
+  const int rows = sweep_.rows, cols = sweep_.cols;
+  for (int ring = 0; ring < kRings; ++ring) {
+    before_ = mark_;
+    for (int r = 0; r < rows; ++r)
+      for (int c = 0; c < cols; ++c) {
+        const int i = r * cols + c;
+        float most = 0;
+        if (r > 0) most = std::max(most, before_[i - cols]);
+        if (r + 1 < rows) most = std::max(most, before_[i + cols]);
+        if (c > 0) most = std::max(most, before_[i - 1]);
+        if (c + 1 < cols) most = std::max(most, before_[i + 1]);
+        mark_[i] = std::max(mark_[i], kLess * most);
+      }
+  }
+}
+
+bool Separate::operator()(const Sheet& sheet, const float* coarse, int h, int w, float* x) {
+  const int n = sheet.rows * sheet.cols;
+  sweep_.shape(sheet.rows, sheet.cols, sheet.periodic);
+  sweep_.time = sweep_.before = 0, sweep_.end = 1;
+  std::fill(sweep_.v.begin(), sweep_.v.end(), 0.0f), std::fill(sweep_.fresh.begin(), sweep_.fresh.end(), 1);
+  mark_.resize(n);
+  for (int round = 0; round < kRounds; ++round) {
+    if (!cross(x, float(sheet.row_length * sheet.col_length), round == 0)) return round > 0;
+    if (round == 0) facets(coarse, h, w);
+    spread();
+    const float part = round < kHalvings ? 0.5f : 1.0f;
+    for (int i = 0; i < n; ++i)
+      for (int k = 0; mark_[i] > 0 && k < 3; ++k)
+        x[k * n + i] += part * mark_[i] * (facets_[k * n + i] - x[k * n + i]);
+    for (int b = 0; b < sweep_.blocks; ++b)
+      sweep_.fresh[b] = std::any_of(&sweep_.point[kWide * b], &sweep_.point[kWide * b] + kPoints,
+                                    [&](int i) { return mark_[i] > 0; });
+  }
+  return true;
+}
+
+}  // namespace
+
+bool separate(const Sheet& sheet, const float* coarse, int h, int w, float* x) {
+  thread_local Separate separate;
+  return separate(sheet, coarse, h, w, x);
+}
+
+}  // namespace minicloth

@@ -1,0 +1,13 @@
+// Draws folds of an upscaled cloth out of each other.
+#pragma once
+#include "../sheet/sheet.hpp"
+
+namespace minicloth {
+
+// The facets of a coarse cloth, its triangles between straight edges, do not cross where contact kept the coarse cloth
+// out of itself. A fine one of the same sheet, curved and wrinkled, may. Its vertices at triangles that cross are drawn
+// half-way to their places in the facets, those around them less, again and again until none cross (bisection).
+// Positions x (3, rows, cols) of the sheet, in place; coarse (3, h, w). Whether vertices were moved.
+bool separate(const Sheet& sheet, const float* coarse, int h, int w, float* x);
+
+}  // namespace minicloth
