@@ -97,7 +97,7 @@ class Fine {
         if (mends) (*mends)(at);
         push_out(at, met, pushed.data()[b], depth.data()[b]);
         if (!(sheet_.self_thickness > 0)) return;
-        for (int round = 0; round < 2 && separate(sheet_, from, int(h), int(w), at); ++round) {
+        for (int round = 0; round < 2 && separate(sheet_, from, int(h), int(w), at, round > 0); ++round) {
           int again;
           float deepest;
           put(at, there), push_out(at, met, again, deepest);

@@ -9,15 +9,15 @@
 namespace minicloth {
 namespace {
 
-constexpr int kHalvings = 6, kRounds = 10;  // how often vertices are drawn half-way, and in all: then all the way
-constexpr int kRings = 2;                   // of vertices around them, which are drawn
-constexpr float kLess = 0.6f;               // times as much from ring to ring
-constexpr float kTouch = 1e-6f;             // m, so near are cells that may cross
+constexpr int kHalvings = 6, kRounds = 8;  // how often vertices are drawn half-way, and in all: then all the way
+constexpr int kRings = 2;                  // of vertices around them, which are drawn
+constexpr float kLess = 0.6f;              // times as much from ring to ring
+constexpr float kTouch = 1e-6f;            // m, so near are cells that may cross
 
 // Keeps its memory from cloth to cloth.
 class Separate {
  public:
-  bool operator()(const Sheet& sheet, const float* coarse, int h, int w, float* x);
+  bool operator()(const Sheet& sheet, const float* coarse, int h, int w, float* x, bool again);
 
  private:
   bool cross(const float* x, float cell_area, bool all);
@@ -28,10 +28,19 @@ class Separate {
   std::vector<float> facets_, mark_, before_;  // where vertices are in facets, what part of the way they are drawn
 };
 
-// Marks the vertices of triangles that cross, in all the cloth or where one lies in a fresh block; whether some do.
+// Marks the vertices of triangles that cross, of all or of those that lie in a block that moved since the last time;
+// whether some do.
 bool Separate::cross(const float* x, float cell_area, bool all) {
   const int n = sweep_.rows * sweep_.cols;
   const auto& near = lanes<NearLanes<float>>();
+  const auto moved = [&](int i) {
+    const float *const before = sweep_.x.data() + i, *const now = x + i;
+    return now[0] != before[0] || now[n] != before[sweep_.plane] || now[2 * n] != before[2 * sweep_.plane];
+  };
+  for (int b = 0; b < sweep_.blocks; ++b) {
+    const int* const points = &sweep_.point[kWide * b];
+    sweep_.fresh[b] = all || std::any_of(points, points + kPoints, moved);
+  }
   for (int k = 0; k < 3; ++k) std::copy_n(x + k * n, n, sweep_.x.data() + k * sweep_.plane);
   sweep_.pairs.clear();
   near.boxes(sweep_, cell_area, all);
@@ -108,32 +117,27 @@ void Separate::spread() {
   }
 }
 
-bool Separate::operator()(const Sheet& sheet, const float* coarse, int h, int w, float* x) {
+bool Separate::operator()(const Sheet& sheet, const float* coarse, int h, int w, float* x, bool again) {
   const int n = sheet.rows * sheet.cols;
   sweep_.shape(sheet.rows, sheet.cols, sheet.periodic);
   sweep_.time = sweep_.before = 0, sweep_.end = 1;
-  std::fill(sweep_.v.begin(), sweep_.v.end(), 0.0f), std::fill(sweep_.fresh.begin(), sweep_.fresh.end(), 1);
   mark_.resize(n);
   for (int round = 0; round < kRounds; ++round) {
-    if (!cross(x, float(sheet.row_length * sheet.col_length), round == 0)) return round > 0;
+    if (!cross(x, float(sheet.row_length * sheet.col_length), round == 0 && !again)) return round > 0;
     if (round == 0) facets(coarse, h, w);
     spread();
     const float part = round < kHalvings ? 0.5f : 1.0f;
     for (int i = 0; i < n; ++i)
-      for (int k = 0; mark_[i] > 0 && k < 3; ++k)
-        x[k * n + i] += part * mark_[i] * (facets_[k * n + i] - x[k * n + i]);
-    for (int b = 0; b < sweep_.blocks; ++b)
-      sweep_.fresh[b] = std::any_of(&sweep_.point[kWide * b], &sweep_.point[kWide * b] + kPoints,
-                                    [&](int i) { return mark_[i] > 0; });
+      for (int k = 0; mark_[i] > 0 && k < 3; ++k) x[k * n + i] += part * mark_[i] * (facets_[k * n + i] - x[k * n + i]);
   }
   return true;
 }
 
 }  // namespace
 
-bool separate(const Sheet& sheet, const float* coarse, int h, int w, float* x) {
+bool separate(const Sheet& sheet, const float* coarse, int h, int w, float* x, bool again) {
   thread_local Separate separate;
-  return separate(sheet, coarse, h, w, x);
+  return separate(sheet, coarse, h, w, x, again);
 }
 
 }  // namespace minicloth
