@@ -13,7 +13,7 @@ constexpr int kEnd[3] = {1, 2, 3};  // corners where edges of a cell end: right,
 
 template <class T>
 bool sooner(const Close<T>& a, const Close<T>& b) {
-  return a.at < b.at;
+  return a.at != b.at ? a.at < b.at : a.edges < b.edges;
 }
 
 }  // namespace
@@ -114,9 +114,9 @@ void SelfContact<T>::add(const CellPair& cells, const FirstLooks& looks) {
   };
   for (unsigned which = looks.which; which; which &= which - 1) {
     const int k = __builtin_ctz(which);
-    Close<T> part = {{}, {0, 0, 0}, cells.blocks, false};
+    Close<T> part = {{}, {0, 0, 0}, cells.blocks, k >= kVertexParts, false};
     std::array<int, 4>& x = part.at;
-    if (k < kVertexParts) {
+    if (!part.edges) {
       const int (&t)[4] = at[1 - k / 2];
       x = {at[k / 2][0], t[0], t[k % 2 ? 3 : 2], t[k % 2 ? 1 : 3]};
       if (missing(t, 3) || x[0] == x[1] || x[0] == x[2] || x[0] == x[3]) continue;
@@ -128,12 +128,12 @@ void SelfContact<T>::add(const CellPair& cells, const FirstLooks& looks) {
     }
     if (known_[x[0]]) {
       const auto found = std::lower_bound(before_.begin(), before_.end(), part, sooner<T>);
-      if (found != before_.end() && found->at == x) {
+      if (found != before_.end() && !sooner(part, *found)) {
         std::copy_n(found->side, 3, part.side), part.touched = true;
         touched_.push_back(int(parts_.size()));
       }
     }
-    due_[k >= kVertexParts][(now_ + looks.wait[k] - 1) % (kMostSteps + 1)].push_back(int(parts_.size()));
+    due_[part.edges][(now_ + looks.wait[k] - 1) % (kMostSteps + 1)].push_back(int(parts_.size()));
     parts_.push_back(part);
   }
 }

@@ -100,6 +100,7 @@ struct Close {
   std::array<int, 4> at;
   T side[3];
   int owner;
+  bool edges;    // two edges
   bool touched;  // kept apart before
 };
 
