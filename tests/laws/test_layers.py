@@ -184,8 +184,8 @@ def test_bits_are_those_of_any_batch_threads_and_start() -> None:
 
 
 def test_float32_is_float64_until_chaos() -> None:
-    # Halves meet in the second frame. The third, which squeezes them, multiplies any difference by 1500-2800: float64
-    # from a start 1e-8 m apart parts by 5-9 um there, as float32 does by 7-14 um.
+    # Halves meet in the second frame. The third, which squeezes them, is chaos in float64 too: starts 1e-8 m apart part
+    # by 5 um (median of 32, at most 9), float32 by 7-14 um.
     double, single = (colliding(MU, 5e-5, dtype)[1][:3] for dtype in ("float64", "float32"))
     far = [float(abs(a.positions - b.positions).max()) for a, b in zip(double, single, strict=True)]
     free = run(replace(colliding(MU, 5e-5)[0], self_contact=None), double[0], frames=2)[0][-1]
