@@ -184,10 +184,12 @@ def test_bits_are_those_of_any_batch_threads_and_start() -> None:
 
 
 def test_float32_is_float64_until_chaos() -> None:
-    double, single = (colliding(MU, 5e-5, dtype)[1] for dtype in ("float64", "float32"))
+    # Halves meet in the second frame. The third, which squeezes them, is chaos in float64 too: starts 1e-8 m apart part
+    # by 5 um (median of 32, at most 9), float32 by 7-14 um.
+    double, single = (colliding(MU, 5e-5, dtype)[1][:3] for dtype in ("float64", "float32"))
     far = [float(abs(a.positions - b.positions).max()) for a, b in zip(double, single, strict=True)]
-    free = run(replace(colliding(MU, 5e-5)[0], self_contact=None), double[0], frames=4)[0][-1]
-    assert max(far[:5]) < 2e-5 < 50 * 2e-5 < abs(free.positions - double[4].positions).max()
+    free = run(replace(colliding(MU, 5e-5)[0], self_contact=None), double[0], frames=2)[0][-1]
+    assert max(far) < 3e-7 < 3000 * 3e-7 < abs(free.positions - double[2].positions).max()
 
 
 def play(world: World, frames: int) -> list[int]:
