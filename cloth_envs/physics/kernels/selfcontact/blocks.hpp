@@ -62,13 +62,14 @@ bool flat(const Sweep<T>& s, int a, int b) {
   length = std::sqrt(length);
   if (length - std::sqrt(spread) > T(kFlat)) return true;
   if (length < T(kFlat)) return false;
-  const T *const x = s.normal.data(), *const y = x + s.plane, *const z = y + s.plane, least = T(kFlat) * length;
+  const T least = T(kFlat) * length;
   for (const int block : {a, b}) {
     const auto [r0, r1, c0, c1] = s.with_triangles(block);
     for (int r = r0; r < r1; ++r)
       for (int c = c0; c < c1; ++c) {
         const int i = r * s.cols + c;
-        if (axis[0] * x[i] + axis[1] * y[i] + axis[2] * z[i] < least) return false;
+        for (const T* const n : {s.normal.data() + i, s.later.data() + i})
+          if (axis[0] * n[0] + axis[1] * n[s.plane] + axis[2] * n[2 * s.plane] < least) return false;
       }
   }
   return true;

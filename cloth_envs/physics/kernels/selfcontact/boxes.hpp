@@ -26,43 +26,52 @@ inline T greater(T a, T b) {
   return a > b ? a : b;
 }
 
-// Normals of cells c0 to c1 - 1 of row r.
+// Normals of cells c0 to c1 - 1 of row r, now and at the end of their ways, `time` from now.
 template <class T>
-void row_of_normals(Sweep<T>& s, int r, int c0, int c1, int right, T unit) {
-  const std::size_t first = std::size_t(r) * s.cols;
+void row_of_normals(Sweep<T>& s, int r, int c0, int c1, int right, T unit, T time) {
+  const std::size_t first = std::size_t(r) * s.cols, plane = s.plane;
   const int down = s.cols, corner = right + down;
-  const T *const X = s.x.data() + first, *const Y = X + s.plane, *const Z = Y + s.plane;
-  T *const nx = s.normal.data() + first, *const ny = nx + s.plane, *const nz = ny + s.plane;
+  const T *const x = s.x.data() + first, *const v = s.v.data() + first;
+  T *const now = s.normal.data() + first, *const later = s.later.data() + first;
 #pragma GCC ivdep
   for (int c = c0; c < c1; ++c) {
-    const T ax = X[c + corner] - X[c], ay = Y[c + corner] - Y[c], az = Z[c + corner] - Z[c];
-    const T bx = X[c + right] - X[c + down], by = Y[c + right] - Y[c + down], bz = Z[c + right] - Z[c + down];
-    nx[c] = unit * (ay * bz - az * by), ny[c] = unit * (az * bx - ax * bz), nz[c] = unit * (ax * by - ay * bx);
+    T a[3], b[3], p[3], q[3];
+    for (int k = 0; k < 3; ++k) {
+      const T *const at = x + k * plane + c, *const goes = v + k * plane + c;
+      a[k] = at[corner] - at[0], b[k] = at[right] - at[down];
+      p[k] = a[k] + time * (goes[corner] - goes[0]), q[k] = b[k] + time * (goes[right] - goes[down]);
+    }
+    for (int k = 0; k < 3; ++k) {
+      const int i = (k + 1) % 3, j = (k + 2) % 3;
+      now[k * plane + c] = unit * (a[i] * b[j] - a[j] * b[i]), later[k * plane + c] = unit * (p[i] * q[j] - p[j] * q[i]);
+    }
   }
 }
 
 // What cells i + c are told of their neighbours j + c.
 template <class T>
 void join(Sweep<T>& s, std::size_t i, std::size_t j, int count) {
-  const T *const x = s.normal.data(), *const y = x + s.plane, *const z = y + s.plane;
   T* const even = s.even.data();
   const T small = T(kSmall * kSmall), least = T(kLevel * kLevel);
+  for (const T* const x : {s.normal.data(), s.later.data()}) {
+    const T *const y = x + s.plane, *const z = y + s.plane;
 #pragma GCC ivdep
-  for (int c = 0; c < count; ++c) {
-    const std::size_t a = i + c, b = j + c;
-    const T d = x[a] * x[b] + (y[a] * y[b] + z[a] * z[b]);
-    const T m = x[a] * x[a] + (y[a] * y[a] + z[a] * z[a]), n = x[b] * x[b] + (y[b] * y[b] + z[b] * z[b]);
-    even[a] = lesser(even[a], (m > small && n > small && d > T(0) && d * d > least * m * n) ? T(1) : T(-1));
+    for (int c = 0; c < count; ++c) {
+      const std::size_t a = i + c, b = j + c;
+      const T d = x[a] * x[b] + (y[a] * y[b] + z[a] * z[b]);
+      const T m = x[a] * x[a] + (y[a] * y[a] + z[a] * z[a]), n = x[b] * x[b] + (y[b] * y[b] + z[b] * z[b]);
+      even[a] = lesser(even[a], (m > small && n > small && d > T(0) && d * d > least * m * n) ? T(1) : T(-1));
+    }
   }
 }
 
 // Normals of cells c0 to c1 - 1 of rows r0 to r1 - 1, and then whether they are even.
 template <class T>
-void normals(Sweep<T>& s, int r0, int r1, int c0, int c1, T unit) {
+void normals(Sweep<T>& s, int r0, int r1, int c0, int c1, T unit, T time) {
   const int last = s.cols - 1, inner = std::min(c1, last);
   for (int r = r0; r < r1; ++r) {
-    row_of_normals(s, r, c0, inner, 1, unit);
-    if (c1 > last) row_of_normals(s, r, last, s.cols, -last, unit);
+    row_of_normals(s, r, c0, inner, 1, unit, time);
+    if (c1 > last) row_of_normals(s, r, last, s.cols, -last, unit, time);
   }
 }
 template <class T>
@@ -121,9 +130,9 @@ template <class T>
 void boxes(Sweep<T>& s, T cell_area, bool all) {
   const std::size_t n = s.blocks;
   const int across = s.periodic ? s.cols : s.cols - 1;
-  const T unit = T(0.5) / cell_area, part = (s.time - s.before) / (s.end - s.before);
+  const T left = s.end - s.time, unit = T(0.5) / cell_area, part = (s.time - s.before) / (s.end - s.before);
   if (all) {
-    normals(s, 0, s.rows - 1, 0, across, unit), evenness(s, 0, s.rows - 1, 0, across);
+    normals(s, 0, s.rows - 1, 0, across, unit, left), evenness(s, 0, s.rows - 1, 0, across);
   } else {  // points of a box go straight: its sides are never outside of what lies between now and the end
     for (int k = 0; k < 6; ++k)
       for (std::size_t b = 0; b < n; ++b) s.box[k * n + b] += part * (s.box[(k + 6) * n + b] - s.box[k * n + b]);
@@ -137,7 +146,7 @@ void boxes(Sweep<T>& s, T cell_area, bool all) {
         if (!all) evenness(s, r0, r1, c0, c1);
         continue;
       }
-      if (!all) normals(s, r0, r1, c0, c1, unit);
+      if (!all) normals(s, r0, r1, c0, c1, unit, left);
       for (int k = 0; k < 3; ++k) {
         T *const start = &s.start[s.row_of(b, k)], *const way = &s.way[s.row_of(b, k)];
         points(s, b, s.x.data() + k * s.plane, start), points(s, b, s.v.data() + k * s.plane, way);
@@ -147,8 +156,9 @@ void boxes(Sweep<T>& s, T cell_area, bool all) {
         T lo = T(kFar), hi = T(-kFar);
         for (int r = r0; r < r1; ++r)
           for (int c = c0; c < c1; ++c) {
-            const T v = s.normal[k * s.plane + std::size_t(r) * s.cols + c];
-            lo = lesser(lo, v), hi = greater(hi, v);
+            const std::size_t i = k * s.plane + std::size_t(r) * s.cols + c;
+            const T now = s.normal[i], later = s.later[i];
+            lo = lesser(lo, lesser(now, later)), hi = greater(hi, greater(now, later));
           }
         s.cone[k * n + b] = lo, s.cone[(3 + k) * n + b] = hi;
       }

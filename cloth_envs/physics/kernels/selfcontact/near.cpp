@@ -13,7 +13,7 @@ void Sweep<T>::shape(int rows_, int cols_, bool periodic_) {
   group_rows = parts(block_rows), group_cols = parts(block_cols);
   groups = group_rows * group_cols, blocks = groups * kCells;
   plane = padded(rows * cols + 4 * kBlock);
-  for (auto* planes : {&x, &v, &normal}) planes->assign(3 * plane, T(0));
+  for (auto* planes : {&x, &v, &normal, &later}) planes->assign(3 * plane, T(0));
   even.assign(plane, T(0)), records.assign(kRecord * plane, T(0));
   for (auto* points : {&start, &way}) points->assign(std::size_t(3) * kWide * blocks, T(0));
   box.assign(kBox * blocks, T(0)), cone.assign(6 * blocks, T(0)), group.assign(kBox * padded(groups), T(0));
