@@ -122,8 +122,7 @@ class SelfContact:
             share = nearest(x[pairs])
             d, u = (np.einsum("nq,nqi->ni", share, field[pairs]) for field in (x, v))
             far = np.linalg.norm(d, axis=1)
-            over = (share != 0).all(1)  # vectors between ends or borders turn as these pass beside each other
-            way = np.where(over & (_dot(d, self.sides[kind]) < 0) & (far < 2 * self.scene.layer), -1, 1)
+            way = np.where((_dot(d, self.sides[kind]) < 0) & (far < 2 * self.scene.layer), -1, 1)
             self.sides[kind] = d * (way / np.where(far > 0, far, 1))[:, None]
             closing = np.maximum(-_dot(u, self.sides[kind]), 0)
             due = np.flatnonzero((way < 0) | (far - self.scene.layer < self.h * closing))

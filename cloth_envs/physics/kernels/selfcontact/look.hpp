@@ -51,9 +51,7 @@ void look(const T* x, const T* v, int width, const Sweep<T>& s, Close<T>* parts,
     const V3<T> d = apart(near, p[0], p[1], p[2], p[3]), u = apart(near, w[0], w[1], w[2], w[3]);
     const V<T> d2 = dot(d, d) + tiny<T>, inverse = rsqrt(d2), far = d2 * inverse;
     const V3<T> before = {load(old[0]), load(old[1]), load(old[2])};
-    // Vectors between ends or borders turn as these pass beside each other.
-    const auto over = (near.share[0] != none) & (near.share[1] != none) & (near.share[2] != none) & (near.share[3] != none);
-    const auto turned = over & (dot(d, before) < none) & (far < T(2) * how.reach);
+    const auto turned = (dot(d, before) < none) & (far < T(2) * how.reach);
     const V<T> way = turned ? -inverse : inverse;
     const V3<T> up = way * d;
     const V<T> un = dot(u, up), closing = un < none ? -un : none, room = far - how.danger;
