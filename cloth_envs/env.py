@@ -40,8 +40,8 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         preset: a paper's set-up, by name or ``{"name": ..., option: number}`` (see ``minicloth list``); zero actions
             are then the paper's scene. ``"lee2019"`` steps by P-ADMM, as its paper did, where ``backend_kwargs`` names
             no ``solver``. ``"zhao2024"`` and ``"zhao2024-fall"`` fix material and resolution.
-        self_contact: whether the cloth's folds keep out of each other; by default as the scene lists it, which none of
-            ours does yet. ``scene.describe()`` says what is modelled.
+        self_contact: whether the cloth's folds keep out of each other; by default as the scene lists it, where the
+            physics can. ``scene.describe()`` says what is modelled.
         render_mode: ``"rgb_array"`` (uint8 ``(480, 640, 3)``) or ``"depth_array"`` (float32 [m]).
 
     Raises:

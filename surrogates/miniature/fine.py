@@ -21,7 +21,8 @@ class Fine:
 
     Handles are put where they are driven, and edges are mended (``mending``). Vertices that are nearer to a body than
     the scene's thickness are put on its surface, along its normal, and lose the velocity into it; bodies act one after
-    the other, where there are several, twice. Handles stay where they are driven, inside or not.
+    the other, where there are several, twice. Handles stay where they are driven, inside or not. Where the scene has
+    self-contact, vertices of triangles that cross are drawn towards the facets of the coarse cloth until none do.
 
     Args:
         scene: of the fine cloth. handles: how a coarse one follows its handles.
