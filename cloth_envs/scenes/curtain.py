@@ -50,7 +50,8 @@ class Curtain(Task):
     towards the hem.
 
     ## What Is Modelled
-    Springs, damping, bending, gravity, still air, rings, contact and friction of pleats with each other. No friction of rings on the rail.
+    Springs, damping, bending, gravity, still air, rings, contact and friction of pleats with each other. No
+    friction of rings on the rail.
     """
 
     size = (1.5, 1.0)

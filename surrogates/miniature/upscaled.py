@@ -19,9 +19,9 @@ OWN = "upscaler."  # before the names of what an upscaler remembers
 class Upscaled:
     """A coarse cloth, upscaled when the fine one is read.
 
-    Driven vertices of the fine cloth are put exactly where they are driven, others never end in a body. Where the coarse
-    cloth keeps out of itself, folds of the fine one are drawn out of each other. Whether it has failed is judged by the
-    coarse cloth, which moves; the fine one is drawn on it.
+    Driven vertices of the fine cloth are put exactly where they are driven, others never end in a body. Where the
+    coarse cloth keeps out of itself, folds of the fine one are drawn out of each other. Whether it has failed is judged
+    by the coarse cloth, which moves; the fine one is drawn on it.
 
     Args:
         coarse: what moves.
