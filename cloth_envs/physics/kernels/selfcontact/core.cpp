@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 
 namespace minicloth {
 namespace {
@@ -41,6 +42,7 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
   }
   crowd_.assign(s.field, 0), known_.assign(s.field, 0), before_.clear(), touched_.clear(), parts_.clear(),
       sweep_.pairs.clear();
+  untangle_.shape(sheet), first_search_ = true;
   search();
 }
 
@@ -101,8 +103,16 @@ void SelfContact<T>::find(bool all) {
   near.cells(sweep_, 2 * layer_);
   first_.resize(sweep_.cells.size());
   near.parts(sweep_, {layer_, layer_ / 2, h_}, layer_, first_.data());
+  if (all && (first_search_ || untangle_.any())) {
+    meet_.clear();
+    for (std::size_t p = 0; p < sweep_.cells.size(); ++p)
+      if (first_[p].meet) meet_.push_back({sweep_.cells[p].first, sweep_.cells[p].second});
+    untangle_.find(sweep_.x.data(), sweep_.plane, meet_);
+    if (first_search_ && (crossings_ = untangle_.pairs())) window_ = std::min(window_, std::getenv("U_WIN") ? std::atoi(std::getenv("U_WIN")) : 31);
+    first_search_ = false;
+  }
   for (std::size_t p = 0; p < sweep_.cells.size(); ++p)
-    if (first_[p].which) add(sweep_.cells[p], first_[p]);
+    if (first_[p].which && !untangle_.off(sweep_.cells[p].first, sweep_.cells[p].second)) add(sweep_.cells[p], first_[p]);
 }
 
 template <class T>
@@ -156,6 +166,7 @@ template <class T>
 void SelfContact<T>::step() {
   ++since_;
   for (const bool edges : {false, true}) look(edges, due_[edges][now_]);
+  if (untangle_.any()) untangle_.step(f_, *strips_, member_, mobility_, h_, damping_);
   now_ = (now_ + 1) % (kMostSteps + 1);
   if (--left_ == 0) return;
   if (since_ >= window_)
