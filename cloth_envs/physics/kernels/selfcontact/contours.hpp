@@ -64,9 +64,9 @@ class Contours {
   std::vector<std::vector<int>> joined_;  // of hits: their links
   std::vector<int> stop_;  // of hits at the end of a contour: a vertex that both sheets have, -1 a border; else -2
   std::vector<int> group_, order_;
-  std::vector<int> cut_, region_, size_, queue_;      // of edges; of vertices; of regions: vertices; to visit
-  std::vector<int> pocket_, tangled_;                 // of vertices: which contour cuts it off
-  std::vector<int> first_, crossed_;                  // cells that cell i crosses: crossed_[first_[i]] and on
+  std::vector<int> cut_, region_, size_, queue_;  // of edges; of vertices; of regions: vertices; to visit
+  std::vector<int> pocket_, tangled_;             // of vertices: which contour cuts it off
+  std::vector<int> first_, crossed_;              // cells that cell i crosses: crossed_[first_[i]] and on
   std::vector<std::array<int, 2>> cells_;
 };
 

@@ -8,7 +8,7 @@
 namespace minicloth {
 namespace {
 
-const int kPocket = std::getenv("U_POCKET") ? std::atoi(std::getenv("U_POCKET")) : 40;  // vertices of a part in which contact waits, at most
+constexpr int kPocket = 40;  // vertices of a part in which contact waits, at most
 
 }  // namespace
 
@@ -22,7 +22,8 @@ void Contours::regions() {
   tangled_.clear(), size_.assign(1, 0);
   for (int first = 0, last; first < int(order_.size()); first = last) {
     int known = 0;
-    for (last = first; last < int(order_.size()) && hits_[order_[last]].contour == hits_[order_[first]].contour;) ++last;
+    for (last = first; last < int(order_.size()) && hits_[order_[last]].contour == hits_[order_[first]].contour;)
+      ++last;
     sides(first, last);
     for (int k = first; k < last; ++k) known += hits_[order_[k]].inside >= 0;
     if (4 * known < last - first) close(first, last);
@@ -105,7 +106,8 @@ void Contours::close(int first, int last) {
 // Which cells cross which.
 void Contours::mark() {
   cells_.clear(), crossed_.clear(), std::fill(first_.begin(), first_.end(), 0);
-  for (const Hit& h : hits_) cells_.push_back({h.own / 2, h.triangle / 2}), cells_.push_back({h.triangle / 2, h.own / 2});
+  for (const Hit& h : hits_)
+    cells_.push_back({h.own / 2, h.triangle / 2}), cells_.push_back({h.triangle / 2, h.own / 2});
   std::sort(cells_.begin(), cells_.end());
   cells_.erase(std::unique(cells_.begin(), cells_.end()), cells_.end());
   for (const auto& pair : cells_) ++first_[pair[0] + 1], crossed_.push_back(pair[1]);
