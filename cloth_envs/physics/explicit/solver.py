@@ -30,8 +30,8 @@ class ExplicitSolver(Solver):
     material that is not refused is stable; a frame in a pressure of over 100 Pa, or of something faster than 12 m/s and
     twice the wind, is stepped in as many more as that needs, and one at whose start or end cells are sheared by over 30
     degrees in about 1.3 times as many, or, where they are stretched as well or not finite, twice those. Handles and
-    bodies move on cubics through the frame. ``crossings`` ``(B,)`` counts the pairs of triangles that crossed as the last
-    frame began, 0 without self-contact.
+    bodies move on cubics through the frame. ``crossings`` ``(B,)`` counts the pairs of triangles that crossed as the
+    last frame began, 0 without self-contact.
 
     Args, beside those of ``Solver``:
         substeps: per frame, instead of the largest stable step; not below the stable number of cloth that is sheared
