@@ -22,6 +22,8 @@ class Backend(Protocol):
     ``self_contact``; of any other the environment's scene lists none. Where another cloth moves than the one that
     ``state`` shows, failures are judged by what ``State.health`` says of it, and ``guarded`` ``(B,)`` tells the members
     that are drawn in a plainer way than usual, once they are read: environments pass that on as ``info["guard"]``.
+    ``crossings`` ``(B,)`` may count the pairs of triangles that crossed as the last frame began, for
+    ``info["crossings_at_start"]``.
     """
 
     scene: Scene

@@ -132,6 +132,8 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         info: dict[str, Any] = {} if reasons[0] is None else {"failure": reasons[0]}
         if self.world.guarded[0]:
             info["guard"] = True
+        if crossings := int(self.world.crossings[0]):
+            info["crossings_at_start"] = crossings
         return observation, float(rewards[0]), reasons[0] is not None, False, info
 
     def _observation(self) -> Any:

@@ -138,16 +138,25 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         observations = world.observe()
         guarded = world.guarded.copy()
         guarded[again] = False
+        crossings = world.crossings.copy()
+        crossings[again] = 0
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
             finals = np.full(n, None, dtype=object)
             for i in np.flatnonzero(ended):
                 finals[i] = member(observations, int(i))
-            last = infos | _told("guard", guarded & ended)
+            last = infos | _told("guard", guarded & ended) | _told("crossings_at_start", crossings * ended)
             infos = {"final_obs": finals, "_final_obs": ended.copy(), "final_info": last, "_final_info": ended.copy()}
             guarded &= ~ended
+            crossings[ended] = 0
             self._start(np.flatnonzero(ended))
             observations = world.observe()
-        return observations, rewards, terminated, truncated, infos | _told("guard", guarded)
+        return (
+            observations,
+            rewards,
+            terminated,
+            truncated,
+            infos | _told("guard", guarded) | _told("crossings_at_start", crossings),
+        )
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that decides the future, as arrays; see ``ClothEnv.get_state``."""
@@ -167,8 +176,8 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
 
 
 def _told(name: str, which: np.ndarray) -> dict[str, np.ndarray]:
-    """An info that is true of some members, ``(B,)``; nothing of none."""
-    return {name: which, f"_{name}": which.copy()} if which.any() else {}
+    """An info that is true of, or counts something in, some members, ``(B,)``; nothing of none."""
+    return {name: which, f"_{name}": which != 0} if which.any() else {}
 
 
 def _limit(frames: int | None) -> int | None:

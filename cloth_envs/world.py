@@ -234,6 +234,11 @@ class World:
         """The members whose last cloth, once it is read, the backend's guard drew in a plainer way, ``(B,)``."""
         return np.asarray(getattr(self.backend, "guarded", np.zeros(self.num_envs, bool)))
 
+    @property
+    def crossings(self) -> np.ndarray:
+        """Pairs of each cloth's triangles that crossed as the last frame began, ``(B,)``; 0 where none are counted."""
+        return np.asarray(getattr(self.backend, "crossings", np.zeros(self.num_envs, np.int32)))
+
     def observe(self) -> Any:
         """See ``Observer``."""
         return self.observer(self.episode)

@@ -30,7 +30,8 @@ class ExplicitSolver(Solver):
     material that is not refused is stable; a frame in a pressure of over 100 Pa, or of something faster than 12 m/s and
     twice the wind, is stepped in as many more as that needs, and one at whose start or end cells are sheared by over 30
     degrees in about 1.3 times as many, or, where they are stretched as well or not finite, twice those. Handles and
-    bodies move on cubics through the frame.
+    bodies move on cubics through the frame. ``crossings`` ``(B,)`` counts the pairs of triangles that crossed as the
+    last frame began, 0 without self-contact.
 
     Args, beside those of ``Solver``:
         substeps: per frame, instead of the largest stable step; not below the stable number of cloth that is sheared
@@ -68,6 +69,7 @@ class ExplicitSolver(Solver):
         self._felt = [kernel_material(scene.material)] * num_envs
         self._cuts = self._last = np.ones((num_envs, len(LEVELS), 2), np.int32)
         self._levels = np.zeros(num_envs, np.int32)
+        self.crossings = np.zeros(num_envs, np.int32)
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
     def check_material(self, material: Material) -> None:
@@ -158,10 +160,11 @@ class ExplicitSolver(Solver):
     def step(self, old: State, new: State, controls: Controls) -> None:
         self._last = self._cuts_of(old, controls) if self.scene.pressure else self._cuts
         given, found = (old, new, controls, self._felt), np.zeros_like(self._levels)
-        speeds = self._kernel.advance(*given, self._last, found, self._fastest, self.threads)
+        self.crossings = np.zeros_like(self._levels)
+        speeds = self._kernel.advance(*given, self._last, found, self.crossings, self._fastest, self.threads)
         if speeds:
             self._last = self._cuts_of(old, controls, speeds)
-            self._kernel.advance(*given, self._last, found, np.inf, self.threads)
+            self._kernel.advance(*given, self._last, found, self.crossings, np.inf, self.threads)
         self._levels = found
         blown = self.scene.pressure and abs(controls.pressure).max() > BREEZE
         if blown and not np.isfinite(new.positions.sum()):

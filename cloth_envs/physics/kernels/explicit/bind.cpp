@@ -25,11 +25,13 @@ std::vector<double> speeds_of(const Explicit<T>& solver, const Frames<T>& frames
 template <class T>
 std::vector<double> advance_explicit(const Explicit<T>& solver, const PythonState& old, const PythonState& now,
                                      const PythonControls& controls, const std::vector<Material>& materials,
-                                     In<int, 3> substeps, Out<int, 1> levels, double most, int threads) {
+                                     In<int, 3> substeps, Out<int, 1> levels, Out<int, 1> crossings, double most,
+                                     int threads) {
   const Frames<T> frames(solver.sheet(), old, now, controls);
   const std::size_t batch = frames().size(), count = solver.levels();
-  need(materials.size() == batch && shaped(substeps, {batch, count, 2}) && shaped(levels, {batch}),
-       "materials and levels must be B, substeps (B, L, 2)");
+  need(materials.size() == batch && shaped(substeps, {batch, count, 2}) && shaped(levels, {batch}) &&
+           shaped(crossings, {batch}),
+       "materials, levels and crossings must be B, substeps (B, L, 2)");
   std::vector<Cuts> cuts(batch, Cuts(count));
   for (std::size_t b = 0; b < batch; ++b)
     for (std::size_t l = 0; l < count; ++l) {
@@ -42,7 +44,7 @@ std::vector<double> advance_explicit(const Explicit<T>& solver, const PythonStat
     if (*std::max_element(speeds.begin(), speeds.end()) > most) return speeds;
   }
   nb::gil_scoped_release release;
-  solver.advance(frames(), materials, cuts, threads, levels.data());
+  solver.advance(frames(), materials, cuts, threads, levels.data(), crossings.data());
   return {};
 }
 
@@ -66,10 +68,12 @@ void bind_explicit(nb::module_& m, const char* name) {
   nb::class_<Explicit<T>>(m, name)
       .def(nb::init<Sheet, std::vector<double>>(), nb::arg("sheet"), nb::arg("sheared"))
       .def("advance", &advance_explicit<T>, nb::arg("old"), nb::arg("new"), nb::arg("controls"), nb::arg("materials"),
-           nb::arg("substeps"), nb::arg("levels"), nb::arg("most"), nb::arg("threads"),
+           nb::arg("substeps"), nb::arg("levels"), nb::arg("crossings"), nb::arg("most"), nb::arg("threads"),
            "A frame from old to the positions and velocities of new, of each cloth's material. substeps (B, L, 2): "
            "their number, and for how many of them bending and the air are held, while shear has at most each of the L "
-           "sines `sheared`; levels (B,) says which were taken. Where something is faster than most [m/s], nothing is "
+           "sines `sheared`; levels (B,) says which were taken, crossings (B,) how many pairs of triangles crossed in "
+           "old, "
+           "with contact of the cloth with itself. Where something is faster than most [m/s], nothing is "
            "done but to return the speeds.")
       .def("shear", &shear_explicit<T>, nb::arg("positions"),
            "The largest shear of each cloth, (B,), of positions (B, 3, H, W): the mean sine at an inner vertex's four "

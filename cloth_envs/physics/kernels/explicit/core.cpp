@@ -94,7 +94,7 @@ Explicit<T>::Explicit(Sheet sheet, std::vector<double> sheared)
 
 template <class T>
 bool Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
-                          const Substeps& substeps, const std::vector<std::size_t>& members) const {
+                          const Substeps& substeps, const std::vector<std::size_t>& members, int* crossings) const {
   const auto& kernels = lanes<ExplicitLanes<T>>();
   const Strips<T>& s = members.size() > 1 ? cloths_ : bands_;
   const int width = s.width, count = substeps.count;
@@ -146,6 +146,7 @@ bool Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     for (std::size_t m = 0; k < count && m < folding; ++m) selves[m].step();
   }
   handles.pull(f, width, 1, h / 2);
+  for (std::size_t m = 0; m < members.size(); ++m) crossings[members[m]] = m < folding ? selves[m].crossings() : 0;
   bool finite = true;
   for (std::size_t m = 0; m < members.size(); ++m) {
     const Frame<T>& frame = frames[members[m]];
@@ -158,7 +159,7 @@ bool Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
 template <class T>
 void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
                           const std::vector<Cuts>& cuts, int threads, const std::vector<std::size_t>& which,
-                          const int* levels, int* ends) const {
+                          const int* levels, int* ends, int* crossings) const {
   // Bands fill the lanes of a large cloth; of small ones several that step alike fill them better.
   std::vector<std::vector<std::size_t>> groups;
   const std::size_t most = std::size_t(bands_.width);
@@ -178,7 +179,7 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     found == groups.end() ? groups.push_back({i}) : found->push_back(i);
   }
   for_each_member(groups.size(), threads, [&](std::size_t g) {
-    const bool finite = advance(frames, materials, substeps(groups[g].front()), groups[g]);
+    const bool finite = advance(frames, materials, substeps(groups[g].front()), groups[g], crossings);
     for (const std::size_t i : groups[g]) {
       const Frame<T>& f = frames[i];
       const bool blown = !finite && !(whole(f.x_out) && whole(f.v_out)) && whole(f.x) && whole(f.v);
@@ -200,13 +201,13 @@ int Explicit<T>::level(const T* x) const {
 
 template <class T>
 void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
-                          const std::vector<Cuts>& cuts, int threads, int* levels) const {
+                          const std::vector<Cuts>& cuts, int threads, int* levels, int* crossings) const {
   std::vector<std::size_t> which(frames.size());
   std::iota(which.begin(), which.end(), std::size_t(0));
   for (const std::size_t i : which) levels[i] = level(frames[i].x);
   std::vector<int> ends(frames.size());
   while (!which.empty()) {
-    advance(frames, materials, cuts, threads, which, levels, ends.data());
+    advance(frames, materials, cuts, threads, which, levels, ends.data(), crossings);
     std::vector<std::size_t> again;
     for (const std::size_t i : which) {
       const Substeps before = cuts[i][levels[i]];

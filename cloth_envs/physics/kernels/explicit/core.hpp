@@ -75,10 +75,11 @@ class Explicit {
   // `sheared` are sines of shear, rising.
   Explicit(Sheet sheet, std::vector<double> sheared);
   // Frames of some cloths, each of its own material. Which of its cuts each takes is found in `levels`: that of its
-  // shear at the frame's start or, where it is sheared more at the end or not finite, of that in another go. Results do
-  // not depend on threads, nor on which cloths are in a batch.
+  // shear at the frame's start or, where it is sheared more at the end or not finite, of that in another go. How many
+  // pairs of its triangles crossed at the start is found in `crossings`, 0 without contact with itself. Results do not
+  // depend on threads, nor on which cloths are in a batch.
   void advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
-               const std::vector<Cuts>& cuts, int threads, int* levels) const;
+               const std::vector<Cuts>& cuts, int threads, int* levels, int* crossings) const;
   // The largest shear of positions (3, H, W), a sine: the mean over the four corners at an inner vertex, as long as
   // edges have their lengths. Folded edges count for less.
   double shear(const T* x) const;
@@ -90,11 +91,11 @@ class Explicit {
   // Those of `which`, each with the cuts of its level; the levels at their ends.
   void advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
                const std::vector<Cuts>& cuts, int threads, const std::vector<std::size_t>& which, const int* levels,
-               int* ends) const;
+               int* ends, int* crossings) const;
   // Cloths that are alike in substeps and in whether materials are simple, in the lanes of vectors, or one in bands.
   // Whether all of them are finite then.
   bool advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials, const Substeps& substeps,
-               const std::vector<std::size_t>& members) const;
+               const std::vector<std::size_t>& members, int* crossings) const;
   Sheet sheet_;
   std::vector<double> sheared_;
   Strips<T> bands_, cloths_;

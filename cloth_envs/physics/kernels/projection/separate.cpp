@@ -9,10 +9,10 @@
 namespace minicloth {
 namespace {
 
-constexpr int kHalvings = 6, kRounds = 8;  // how often vertices are drawn half-way, and in all: then all the way
-constexpr int kRings = 2;                  // of vertices around them, which are drawn
-constexpr float kLess = 0.6f;              // times as much from ring to ring
-constexpr float kTouch = 1e-6f;            // m, so near are cells that may cross
+constexpr int kHalves = 6, kRounds = 8;  // how often vertices are drawn half-way, and in all: then all the way
+constexpr int kSpread = 2;               // of vertices around them, which are drawn
+constexpr float kLess = 0.6f;            // times as much from ring to ring
+constexpr float kTouch = 1e-6f;          // m, so near are cells that may cross
 
 // Keeps its memory from cloth to cloth.
 class Separate {
@@ -102,7 +102,7 @@ void Separate::facets(const float* coarse, int h, int w) {
 // Marks the rings of vertices around those that are marked.
 void Separate::spread() {
   const int rows = sweep_.rows, cols = sweep_.cols;
-  for (int ring = 0; ring < kRings; ++ring) {
+  for (int ring = 0; ring < kSpread; ++ring) {
     before_ = mark_;
     for (int r = 0; r < rows; ++r)
       for (int c = 0; c < cols; ++c) {
@@ -126,7 +126,7 @@ bool Separate::operator()(const Sheet& sheet, const float* coarse, int h, int w,
     if (!cross(x, float(sheet.row_length * sheet.col_length), round == 0 && !again)) return round > 0;
     if (round == 0) facets(coarse, h, w);
     spread();
-    const float part = round < kHalvings ? 0.5f : 1.0f;
+    const float part = round < kHalves ? 0.5f : 1.0f;
     for (int i = 0; i < n; ++i)
       for (int k = 0; mark_[i] > 0 && k < 3; ++k) x[k * n + i] += part * mark_[i] * (facets_[k * n + i] - x[k * n + i]);
   }

@@ -167,18 +167,23 @@ inline void range(const V3<T>& axis, const V3<T> (&x)[count], V<T>* lo, V<T>* hi
   }
 }
 
-// The least gap between two cells along the normal of one of them, while their corners go straight; below 0: none.
+// The gap between two cells along the normal of one of them: now, and the least while their corners go straight; below
+// 0: none.
 template <class T>
-inline V<T> gap(const Pairs<T>& p, int half) {
+struct Gap {
+  V<T> now, least;
+};
+template <class T>
+inline Gap<T> gap(const Pairs<T>& p, int half) {
   const V3<T>(&x)[4] = p.now[half];
   const V3<T> up = cross(x[3] - x[0], x[1] - x[2]), n = rsqrt(dot(up, up) + tiny<T>) * up;
   V<T> lo[2][2], hi[2][2];  // [of the cell and the other][now, later]
   range(n, p.now[half], &lo[0][0], &hi[0][0]), range(n, p.then[half], &lo[0][1], &hi[0][1]);
   range(n, p.now[1 - half], &lo[1][0], &hi[1][0]), range(n, p.then[1 - half], &lo[1][1], &hi[1][1]);
   const auto least = [](const V<T>& a, const V<T>& b) { return a < b ? a : b; };
-  const V<T> above = least(lo[1][0] - hi[0][0], lo[1][1] - hi[0][1]);
-  const V<T> below = least(lo[0][0] - hi[1][0], lo[0][1] - hi[1][1]);
-  return above > below ? above : below;
+  const V<T> above = lo[1][0] - hi[0][0], below = lo[0][0] - hi[1][0];
+  const V<T> up_to = least(above, lo[1][1] - hi[0][1]), down_to = least(below, lo[0][1] - hi[1][1]);
+  return {above > below ? above : below, up_to > down_to ? up_to : down_to};
 }
 
 // Two parts: the vector between their nearest points now; and, times its length, how far apart they lie along it at the
@@ -205,6 +210,8 @@ inline Apart<T> two_edges(const Pairs<T>& p, int k) {
   return {d, (e < f ? e : f) - (g > h ? g : h)};
 }
 
+constexpr double kTouch = 1e-5;  // m, apart, of cells that may still cross, as rounding has it
+
 template <class T>
 void parts(const Sweep<T>& s, const Looking<T>& how, T room, FirstLooks* first_looks) {
   constexpr int n = kLanes<T>;
@@ -214,13 +221,17 @@ void parts(const Sweep<T>& s, const Looking<T>& how, T room, FirstLooks* first_l
   thread_local std::vector<int> all, near;
   while (int(all.size()) < count) all.push_back(int(all.size()));
   near.clear();
-  for (int i = 0; i < count; ++i) first_looks[i].which = 0;
+  for (int i = 0; i < count; ++i) first_looks[i].which = 0, first_looks[i].meet = false;
   Pairs<T> p;
   for (int first = 0; first < count; first += n) {
     get_pairs(s, all.data() + first, count - first, p);
-    const V<T> a = gap(p, 0), b = gap(p, 1);
-    for (unsigned found = less<T>(a > b ? a : b, limit); found; found &= found - 1)
-      if (first + __builtin_ctz(found) < count) near.push_back(first + __builtin_ctz(found));
+    const Gap<T> a = gap(p, 0), b = gap(p, 1);
+    const unsigned meet = less<T>(a.now > b.now ? a.now : b.now, V<T>{} + T(kTouch));
+    for (unsigned found = less<T>(a.least > b.least ? a.least : b.least, limit); found; found &= found - 1) {
+      const int l = __builtin_ctz(found);
+      if (first + l >= count) break;
+      near.push_back(first + l), first_looks[first + l].meet = meet >> l & 1;
+    }
   }
   for (int first = 0; first < int(near.size()); first += n) {
     const int left = int(near.size()) - first;

@@ -9,6 +9,7 @@ namespace {
 constexpr double kWindow = 0.01;    // s, for about how long ways are followed
 constexpr double kWatch = 0.4;      // cells, up to which distance blocks are watched that are not close
 constexpr double kCheck = 0.5;      // of a window, from a search to a check, and between checks at most
+constexpr int kTangledWindow = 31;  // steps, for at most how many while something crosses
 constexpr int kEnd[3] = {1, 2, 3};  // corners where edges of a cell end: right, below, diagonal
 
 template <class T>
@@ -25,7 +26,7 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
   damping_ = T(damping);
   strips_ = &s, f_ = f, member_ = member, cell_area_ = sheet.row_length * sheet.col_length;
   const int windows = std::max(int(std::lround(sheet.frame_dt / kWindow)), 1);
-  left_ = count, window_ = (count + windows - 1) / windows;
+  left_ = count_ = count, window_ = (count + windows - 1) / windows;
   sweep_.shape(sheet.rows, sheet.cols, sheet.periodic);
   mobility_.resize(s.field);
   for (int i = 0; i < int(s.places.size()); ++i) {
@@ -41,6 +42,7 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
   }
   crowd_.assign(s.field, 0), known_.assign(s.field, 0), before_.clear(), touched_.clear(), parts_.clear(),
       sweep_.pairs.clear();
+  untangle_.shape(sheet);
   search();
 }
 
@@ -101,8 +103,22 @@ void SelfContact<T>::find(bool all) {
   near.cells(sweep_, 2 * layer_);
   first_.resize(sweep_.cells.size());
   near.parts(sweep_, {layer_, layer_ / 2, h_}, layer_, first_.data());
+  if (all && (left_ == count_ || untangle_.any())) untangle();
   for (std::size_t p = 0; p < sweep_.cells.size(); ++p)
-    if (first_[p].which) add(sweep_.cells[p], first_[p]);
+    if (first_[p].which && !untangle_.off(sweep_.cells[p].first, sweep_.cells[p].second))
+      add(sweep_.cells[p], first_[p]);
+}
+
+// What crosses now; in a frame at whose start something does, searches are more frequent.
+template <class T>
+void SelfContact<T>::untangle() {
+  meet_.clear();
+  for (std::size_t p = 0; p < sweep_.cells.size(); ++p)
+    if (first_[p].meet) meet_.push_back({sweep_.cells[p].first, sweep_.cells[p].second});
+  untangle_.find(sweep_.x.data(), sweep_.plane, meet_);
+  if (left_ < count_) return;
+  crossings_ = untangle_.pairs();
+  if (crossings_) window_ = std::min(window_, kTangledWindow);
 }
 
 template <class T>
@@ -156,6 +172,7 @@ template <class T>
 void SelfContact<T>::step() {
   ++since_;
   for (const bool edges : {false, true}) look(edges, due_[edges][now_]);
+  if (untangle_.any()) untangle_.step(f_, *strips_, member_, mobility_, h_, damping_);
   now_ = (now_ + 1) % (kMostSteps + 1);
   if (--left_ == 0) return;
   if (since_ >= window_)

@@ -6,6 +6,7 @@
 
 #include "../explicit/core.hpp"
 #include "near.hpp"
+#include "untangle.hpp"
 
 namespace minicloth {
 
@@ -20,18 +21,23 @@ class SelfContact {
   void begin(const Sheet& sheet, const Strips<T>& s, const Fields<T>& f, int member, int count, double damping);
   // At the end of a step.
   void step();
+  // How many pairs of triangles crossed at the start of the frame.
+  int crossings() const { return crossings_; }
 
  private:
   void get(const T* field, Plane<T>& to) const;
   void search();
   void check();
   void find(bool all);
+  void untangle();
   void add(const CellPair& cells, const FirstLooks& looks);
   void remember();
   void look(bool edges, std::vector<int>& which);
   bool resolve(int part, bool edges, int steps, bool first);
 
   Sweep<T> sweep_;
+  Untangle<T> untangle_;
+  std::vector<std::array<int, 2>> meet_;  // cells that may cross
   std::vector<FirstLooks> first_;
   std::vector<Close<T>> parts_;
   std::vector<int> due_[2][kMostSteps + 1];  // of both kinds, what to look at in so many steps, as a ring from now_
@@ -43,8 +49,9 @@ class SelfContact {
 
   const Strips<T>* strips_ = nullptr;
   Fields<T> f_;
-  int member_ = 0, now_ = 0, left_ = 0;     // steps of the frame left
-  int since_ = 0, check_ = 0, window_ = 0;  // steps since a search, when to check, to search
+  int member_ = 0, now_ = 0, count_ = 0, left_ = 0;  // steps of the frame, and those left
+  int since_ = 0, check_ = 0, window_ = 0;           // steps since a search, when to check, to search
+  int crossings_ = 0;
   T layer_ = 0, friction_ = 0, h_ = 0, damping_ = 0;
   double cell_area_ = 1;
   std::vector<std::uint8_t> crowd_;  // of elements: in how many pairs that are kept apart now

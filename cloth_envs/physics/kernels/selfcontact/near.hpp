@@ -88,9 +88,11 @@ struct Looking {
   T reach, danger, h;  // m, m, s
 };
 
-// Of the parts of two cells: which to look at, as bits, and in how many steps first.
+// Of the parts of two cells: which to look at, as bits, and in how many steps first; whether the plane of one of them
+// does not part the cells now.
 struct FirstLooks {
   std::uint16_t which;
+  bool meet;
   std::uint8_t wait[kParts];
 };
 
