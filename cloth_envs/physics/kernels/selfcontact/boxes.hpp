@@ -15,6 +15,7 @@ namespace {
 constexpr double kFar = 1e9;    // m
 constexpr double kSmall = 0.3;  // of the rest area, of cells whose normals tell little
 constexpr double kLevel = 0.2;  // least cosine between neighbours' normals where cells up to kApart apart do not meet
+constexpr double kPlain = 0.8;  // the same of a cell's two triangles
 constexpr int kApart = 2;
 
 template <class T>
@@ -26,25 +27,38 @@ inline T greater(T a, T b) {
   return a > b ? a : b;
 }
 
+// Whether the two triangles of a cell are nearly level with each other: `n` is their normals' sum, `low` that of one.
+template <class T>
+inline bool level(const T* n, const T* low) {
+  const T high[3] = {n[0] - low[0], n[1] - low[1], n[2] - low[2]};
+  const auto times = [](const T* a, const T* b) { return a[0] * b[0] + (a[1] * b[1] + a[2] * b[2]); };
+  const T d = times(low, high);
+  return bool(int(d > T(0)) & int(d * d > T(kPlain * kPlain) * times(low, low) * times(high, high)));
+}
+
 // Normals of cells c0 to c1 - 1 of row r, now and at the end of their ways, `time` from now.
 template <class T>
 void row_of_normals(Sweep<T>& s, int r, int c0, int c1, int right, T unit, T time) {
   const std::size_t first = std::size_t(r) * s.cols, plane = s.plane;
   const int down = s.cols, corner = right + down;
   const T *const x = s.x.data() + first, *const v = s.v.data() + first;
-  T *const now = s.normal.data() + first, *const later = s.later.data() + first;
+  T *const now = s.normal.data() + first, *const later = s.later.data() + first, *const plain = s.plain.data() + first;
 #pragma GCC ivdep
   for (int c = c0; c < c1; ++c) {
-    T a[3], b[3], p[3], q[3];
+    T a[2][3], b[2][3], e[2][3], n[2][3], low[2][3];
     for (int k = 0; k < 3; ++k) {
       const T *const at = x + k * plane + c, *const goes = v + k * plane + c;
-      a[k] = at[corner] - at[0], b[k] = at[right] - at[down];
-      p[k] = a[k] + time * (goes[corner] - goes[0]), q[k] = b[k] + time * (goes[right] - goes[down]);
+      a[0][k] = at[corner] - at[0], b[0][k] = at[right] - at[down], e[0][k] = at[down] - at[0];
+      a[1][k] = a[0][k] + time * (goes[corner] - goes[0]), b[1][k] = b[0][k] + time * (goes[right] - goes[down]);
+      e[1][k] = e[0][k] + time * (goes[down] - goes[0]);
     }
-    for (int k = 0; k < 3; ++k) {
-      const int i = (k + 1) % 3, j = (k + 2) % 3;
-      now[k * plane + c] = unit * (a[i] * b[j] - a[j] * b[i]), later[k * plane + c] = unit * (p[i] * q[j] - p[j] * q[i]);
-    }
+    for (int t = 0; t < 2; ++t)
+      for (int k = 0; k < 3; ++k) {
+        const int i = (k + 1) % 3, j = (k + 2) % 3;
+        n[t][k] = a[t][i] * b[t][j] - a[t][j] * b[t][i], low[t][k] = e[t][i] * a[t][j] - e[t][j] * a[t][i];
+      }
+    for (int k = 0; k < 3; ++k) now[k * plane + c] = unit * n[0][k], later[k * plane + c] = unit * n[1][k];
+    plain[c] = int(level(n[0], low[0])) & int(level(n[1], low[1])) ? T(1) : T(-1);
   }
 }
 
@@ -79,7 +93,7 @@ void evenness(Sweep<T>& s, int r0, int r1, int c0, int c1) {
   const int across = s.periodic ? s.cols : s.cols - 1;
   for (int r = r0; r < r1; ++r) {
     const std::size_t row = std::size_t(r) * s.cols, i = row + c0;
-    std::fill_n(s.even.data() + i, c1 - c0, T(1));
+    std::copy_n(s.plain.data() + i, c1 - c0, s.even.data() + i);
     const int right = std::min(c1, across - 1), left = std::max(c0, 1);
     join(s, i, i + 1, right - c0), join(s, row + left, row + left - 1, c1 - left);
     if (s.periodic && c0 == 0) join(s, row, row + s.cols - 1, 1);

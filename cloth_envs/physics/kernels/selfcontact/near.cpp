@@ -14,7 +14,7 @@ void Sweep<T>::shape(int rows_, int cols_, bool periodic_) {
   groups = group_rows * group_cols, blocks = groups * kCells;
   plane = padded(rows * cols + 4 * kBlock);
   for (auto* planes : {&x, &v, &normal, &later}) planes->assign(3 * plane, T(0));
-  even.assign(plane, T(0)), records.assign(kRecord * plane, T(0));
+  plain.assign(plane, T(0)), even.assign(plane, T(0)), records.assign(kRecord * plane, T(0));
   for (auto* points : {&start, &way}) points->assign(std::size_t(3) * kWide * blocks, T(0));
   box.assign(kBox * blocks, T(0)), cone.assign(6 * blocks, T(0)), group.assign(kBox * padded(groups), T(0));
   shift.assign(4 * blocks, T(0)), slots.assign(std::size_t(kBox) * kCells * blocks, T(0));

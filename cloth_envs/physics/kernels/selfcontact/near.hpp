@@ -51,8 +51,9 @@ struct Sweep {
   T time, before, end;    // s: now, when boxes were last brought up to date, and until when ways are followed
   Plane<T> x, v;          // of vertices now, 3 planes each
   Plane<T> start, way;    // 3 rows of kWide of every block: where its points were at time 0, or would have been, m/s
-  // Of cells, over their rest area: normals now, at the end; 1 where neighbours are nearly level with it, else -1.
-  Plane<T> normal, later, even;
+  // Of cells: normals now and at the end, over their rest area; 1 where their triangles are nearly level with each
+  // other, and where those of neighbours are as well, else -1.
+  Plane<T> normal, later, plain, even;
   Plane<T> box, group, cone;  // kBox planes of blocks and of groups; 6 of blocks, the box of their normals
   Plane<T> shift;             // 4 planes of blocks: the middle of the box of how far points strayed, half its diagonal
   // Of blocks where `filled` says so: kBox rows of kCells, of their cells; of every cell of these kRecord numbers; bit
