@@ -67,7 +67,7 @@ class Contours {
   std::vector<int> cut_, region_, size_, queue_;  // of edges; of vertices; of regions: vertices; to visit
   std::vector<int> pocket_, tangled_;             // of vertices: which contour cuts it off
   std::vector<int> first_, crossed_;              // cells that cell i crosses: crossed_[first_[i]] and on
-  std::vector<std::array<int, 2>> cells_;
+  std::vector<std::array<int, 2>> cells_;         // pairs of cells that cross, both ways round
 };
 
 }  // namespace minicloth
