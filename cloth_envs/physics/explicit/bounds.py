@@ -4,15 +4,18 @@ from functools import lru_cache
 
 import numpy as np
 
+from cloth_envs.grid import Grid
 from cloth_envs.material import Material
+from cloth_envs.physics.laws.stencil import edges
 from cloth_envs.physics.solver import PRESSURE, air_bound, pressure_bound, stiffness_bound
 from cloth_envs.scene import Scene
 
 SAFETY = 0.9
 # How frames are cut: shear for which steps are counted [rad], how many times as many are taken, and the sine of cells'
-# shear at a frame's start and end up to which that holds. Waves on cells sheared by up to 33 degrees are inside SAFETY;
-# what is over 1 is stretched as well, as by steps that were too long.
-LEVELS = ((np.radians(15.0), 1, 0.5), (np.pi / 2, 1, 1.2), (np.pi / 2, 2, np.inf))
+# shear at a frame's start and end up to which that holds. What is over 1 is stretched as well, as by steps that were
+# too long.
+LEVELS = ((np.radians(15.0), 1, 0.4), (np.pi / 2, 1, 1.2), (np.pi / 2, 2, np.inf))
+LIMIT, PATCH = 0.96, 7  # the safety of a sheet sheared as far as the first of them holds, and how many rows it has
 UNDAMPED = 0.02  # damping times the largest frequency, below which nothing takes what a few sheared cells give
 RESONANCE = 12.0  # what slow forces, held, may do to fast waves over what damping takes of them, as in ``interval``
 HELD = 7  # substeps for which slow forces are held: docs/solvers.md has what more would save and cost
@@ -43,6 +46,42 @@ def directed_bound(scene: Scene, material: Material, shear: float) -> float:
     return worst / (material.areal_density * a * b)
 
 
+@lru_cache(maxsize=1024)
+def free_bound(grid: Grid, shear: float, angle: float) -> float:
+    """Largest eigenvalue of ``M^-1 K`` of a whole free sheet, of stretch stiffness 1 N/m and 1 kg/m^2 [1/s^2].
+
+    Its springs act along themselves, its cells are sheared by ``angle`` [rad], ``shear`` [N/m] is its shear stiffness.
+    At a free border what the two diagonals of a cell do across each other has no counterpart: with a shear as stiff as
+    the stretch, the largest eigenvalue is 5-12 % over that of all waves.
+    """
+    c, r = np.meshgrid(np.arange(grid.cols) * grid.col_spacing, np.arange(grid.rows) * grid.row_spacing)
+    at = np.stack([c + r * np.sin(angle), r * np.cos(angle)], -1).reshape(-1, 2)
+    mass, blocks = np.sqrt(grid.areas.ravel()), []
+    for edge in edges(grid):
+        d, number = at[edge.second] - at[edge.first], np.arange(len(edge.first))
+        k = edge.weight * (1.0 if edge.modulus == "stretch_stiffness" else shear)
+        pull = d * (np.sqrt(k) / np.linalg.norm(d, axis=1))[:, None]
+        block = np.zeros((len(d), grid.vertices, 2))
+        block[number, edge.first] = -pull / mass[edge.first, None]
+        block[number, edge.second] = pull / mass[edge.second, None]
+        blocks.append(block.reshape(len(d), -1))
+    springs = np.concatenate(blocks)
+    return float(np.linalg.eigvalsh(springs.T @ springs)[-1])
+
+
+def border_bound(scene: Scene, material: Material) -> float:
+    """The larger ``free_bound`` of the flat sheet and of one sheared as far as the first of ``LEVELS`` holds [1/s^2].
+
+    Of a sheet of at most 7 x 7 vertices: what a border adds decays within 3 cells.
+    """
+    a, b = scene.grid.row_spacing, scene.grid.col_spacing
+    rows, cols = min(PATCH, scene.grid.rows), min(PATCH, scene.grid.cols)
+    patch = Grid(rows, cols, (rows - 1) * a / b, cols - 1.0)
+    ratio = material.shear_stiffness / material.stretch_stiffness
+    worst = max(free_bound(patch, ratio, angle) for angle in (0.0, float(np.arcsin(LEVELS[0][2]))))
+    return worst * material.stretch_stiffness / (material.areal_density * b * b)
+
+
 @lru_cache(maxsize=1024)  # an environment asks before it sets a material
 def stable_step(
     scene: Scene, material: Material, pressure: float = PRESSURE, speed: float = 0.0, shear: float = LEVELS[0][0]
@@ -56,15 +95,18 @@ def stable_step(
     the air's force (``air_bound``) up to ``speed`` [m/s]. Every spring adds the larger of what it adds lengthened and
     shortened, so the step is the smaller one of a sheet of either.
     """
-    springs = directed_bound(scene, material, shear)
+    waves, border = directed_bound(scene, material, shear), border_bound(scene, material)
     other = stiffness_bound(scene, material)[1] + pressure_bound(scene, material, pressure)
     air = air_bound(scene, material, pressure, speed)
 
-    def step(stiffness: float, damping: float) -> float:
+    def step(springs: float, stiffness: float, damping: float) -> float:
         k, c = stiffness * springs + other, damping * material.damping * springs + air
         return 2 / (np.sqrt(c * c / 4 + k) + c / 2)
 
-    return SAFETY * min(step(1, 1), step(material.compression, material.compression_damping))
+    def both(springs: float) -> float:
+        return min(step(springs, 1, 1), step(springs, material.compression, material.compression_damping))
+
+    return min(SAFETY * both(waves), LIMIT * both(border))
 
 
 @lru_cache(maxsize=1024)

@@ -9,17 +9,30 @@ namespace minicloth {
 namespace LANES {
 namespace {
 
-// Of vertices in the lanes of W: what leads from the one above to the one below times what leads from left to right.
+template <class W>
+inline W larger(const W& a, const W& b) {
+  return a > b ? a : b;
+}
+template <class W>
+inline W size(const W& a) {
+  return a < 0 ? -a : a;
+}
+
+// Of vertices in the lanes of W: at their four corners, what leads down times what leads to the right, added with the
+// signs that make most of it: all alike, or other ones above than below, to the left than to the right, or both.
 template <class W, class T>
 inline W slant(const T* x, std::ptrdiff_t vertices, std::ptrdiff_t cols) {
-  W product = {};
+  W alike = {}, rows = {}, columns = {}, both = {};
   for (int k = 0; k < 3; ++k, x += vertices) {
-    W up, down, left, right;
+    W at, up, down, left, right;
+    std::memcpy(&at, x, sizeof at);
     std::memcpy(&up, x - cols, sizeof up), std::memcpy(&down, x + cols, sizeof down);
     std::memcpy(&left, x - 1, sizeof left), std::memcpy(&right, x + 1, sizeof right);
-    product += (down - up) * (right - left);
+    const W twice = at + at, fall = down - up, along = right - left;
+    const W sag = (up + down) - twice, bow = (left + right) - twice;
+    alike += fall * along, rows += sag * along, columns += fall * bow, both += sag * bow;
   }
-  return product < 0 ? -product : product;
+  return larger(larger(size(alike), size(rows)), larger(size(columns), size(both)));
 }
 
 // The largest of the inner vertices of positions (3, H, W) [m^2]; NaN does not count. What is left of a row by whole
@@ -37,11 +50,11 @@ T slant(int height, int width, const T* x) {
     std::ptrdiff_t c = 1;
     for (; c + n < cols; c += n) {
       const V<T> found = slant<V<T>>(row + c, rows * cols, cols);
-      most = found > most ? found : most;
+      most = larger(found, most);
     }
     for (; c + few < cols; c += few) {
       const Short found = slant<Short>(row + c, rows * cols, cols);
-      some = found > some ? found : some;
+      some = larger(found, some);
     }
     for (; c < cols - 1; ++c) last = std::max(last, slant<T>(row + c, rows * cols, cols));
   }
