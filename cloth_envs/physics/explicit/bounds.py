@@ -13,8 +13,10 @@ from cloth_envs.scene import Scene
 SAFETY = 0.9
 # How frames are cut: shear for which steps are counted [rad], how many times as many are taken, and the sine of cells'
 # shear at a frame's start and end up to which that holds. What is over 1 is stretched as well, as by steps that were
-# too long.
+# too long: so are, whatever the shear, frames at whose start or end neighbours part at over FAST of the speed of waves
+# along threads, for cells of a coarse grid turn over and back within one.
 LEVELS = ((np.radians(15.0), 1, 0.4), (np.pi / 2, 1, 1.2), (np.pi / 2, 2, np.inf))
+FAST = 0.3
 LIMIT, PATCH = 0.96, 7  # the safety of a sheet sheared as far as the first of them holds, and how many rows it has
 UNDAMPED = 0.02  # damping times the largest frequency, below which nothing takes what a few sheared cells give
 RESONANCE = 12.0  # what slow forces, held, may do to fast waves over what damping takes of them, as in ``interval``

@@ -7,7 +7,7 @@ import numpy as np
 
 from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
-from cloth_envs.physics.explicit.bounds import HELD, LEVELS, interval, stable_step
+from cloth_envs.physics.explicit.bounds import FAST, HELD, LEVELS, interval, stable_step
 from cloth_envs.physics.laws.diagnostics import strains
 from cloth_envs.physics.solver import PRESSURE, STRETCH, Solver, fastest, kernel_material, kernel_sheet
 from cloth_envs.scene import Scene
@@ -28,13 +28,14 @@ class ExplicitSolver(Solver):
 
     The number of substeps comes from a bound on the spectrum (``stable_step``), so every
     material that is not refused is stable; a frame in a pressure of over 100 Pa, or of something faster than 12 m/s and
-    twice the wind, is stepped in as many more as that needs, and one at whose start or end cells are sheared by over 30
-    degrees in about 1.3 times as many, or, where they are stretched as well or not finite, twice those. Handles and
+    twice the wind, is stepped in as many more as that needs, and one at whose start or end cells are sheared by over 23
+    degrees in about 1.3 times as many, or, where they are stretched as well, neighbours part at over 0.3 times the
+    speed of waves along threads, or something is not finite, twice those. Handles and
     bodies move on cubics through the frame.
 
     Args, beside those of ``Solver``:
         substeps: per frame, instead of the largest stable step; not below the stable number of cloth that is sheared
-            by up to 30 degrees, more where it is sheared further and needs them.
+            by up to 23 degrees, more where it is sheared further and needs them.
         refine: multiplies the number of substeps (4 for truth).
         held: for how many substeps bending and the air are held, at most; fewer where they would not be stable. By
             default up to 7, fewer where the air's rate or a lack of damping asks for it: as exact as the step.
@@ -63,7 +64,7 @@ class ExplicitSolver(Solver):
         self._fastest = fastest(scene)
         self._wanted = None if substeps is None else whole_number("substeps", substeps)
         kernel = kernels.Explicit32 if self.dtype == np.float32 else kernels.Explicit64
-        self._kernel = kernel(kernel_sheet(scene), [most for *_, most in LEVELS])
+        self._kernel = kernel(kernel_sheet(scene), [most for *_, most in LEVELS], FAST)
         self._stepped = [scene.material] * num_envs
         self._felt = [kernel_material(scene.material)] * num_envs
         self._cuts = self._last = np.ones((num_envs, len(LEVELS), 2), np.int32)
@@ -151,9 +152,9 @@ class ExplicitSolver(Solver):
             cuts[i] = self._cut(self._stepped[i], load, speed, cause)
         return cuts
 
-    def _levels_of(self, positions: np.ndarray) -> np.ndarray:
-        """Which of ``LEVELS`` holds cloths at ``positions`` (B, 3, H, W)."""
-        return np.searchsorted([most for *_, most in LEVELS], self._kernel.shear(positions))
+    def _levels_of(self, state: State) -> np.ndarray:
+        """Which of ``LEVELS`` holds each cloth."""
+        return np.array(self._kernel.levels(state.positions, state.velocities, self._felt))
 
     def step(self, old: State, new: State, controls: Controls) -> None:
         self._last = self._cuts_of(old, controls) if self.scene.pressure else self._cuts

@@ -85,9 +85,10 @@ bool take(const Strips<T>& s, const T* field, int member, T* to) {
 }  // namespace
 
 template <class T>
-Explicit<T>::Explicit(Sheet sheet, std::vector<double> sheared)
+Explicit<T>::Explicit(Sheet sheet, std::vector<double> sheared, double fast)
     : sheet_(std::move(sheet)),
       sheared_(std::move(sheared)),
+      fast_(fast),
       bands_(sheet_.rows, sheet_.cols, sheet_.row_length, sheet_.col_length, sheet_.periodic,
              lanes<ExplicitLanes<T>>().width, true),
       cloths_(sheet_.rows, sheet_.cols, sheet_.row_length, sheet_.col_length, sheet_.periodic, bands_.width, false) {}
@@ -182,7 +183,7 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     for (const std::size_t i : groups[g]) {
       const Frame<T>& f = frames[i];
       const bool blown = !finite && !(whole(f.x_out) && whole(f.v_out)) && whole(f.x) && whole(f.v);
-      ends[i] = blown ? int(sheared_.size()) - 1 : level(f.x_out);
+      ends[i] = blown ? int(sheared_.size()) - 1 : level(f.x_out, f.v_out, materials[i]);
     }
   });
 }
@@ -194,8 +195,15 @@ double Explicit<T>::shear(const T* x) const {
 }
 
 template <class T>
-int Explicit<T>::level(const T* x) const {
-  return int(std::lower_bound(sheared_.begin(), sheared_.end() - 1, shear(x)) - sheared_.begin());
+double Explicit<T>::apart(const T* v) const {
+  return std::sqrt(double(lanes<ExplicitLanes<T>>().apart(sheet_.rows, sheet_.cols, v)));
+}
+
+template <class T>
+int Explicit<T>::level(const T* x, const T* v, const Material& material) const {
+  const auto last = sheared_.end() - 1;
+  const double wave = std::sqrt(material.stretch_stiffness / material.areal_density);
+  return int((apart(v) > fast_ * wave ? last : std::lower_bound(sheared_.begin(), last, shear(x))) - sheared_.begin());
 }
 
 template <class T>
@@ -203,7 +211,7 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
                           const std::vector<Cuts>& cuts, int threads, int* levels) const {
   std::vector<std::size_t> which(frames.size());
   std::iota(which.begin(), which.end(), std::size_t(0));
-  for (const std::size_t i : which) levels[i] = level(frames[i].x);
+  for (const std::size_t i : which) levels[i] = level(frames[i].x, frames[i].v, materials[i]);
   std::vector<int> ends(frames.size());
   while (!which.empty()) {
     advance(frames, materials, cuts, threads, which, levels, ends.data());
