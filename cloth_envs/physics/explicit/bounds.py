@@ -13,11 +13,10 @@ from cloth_envs.scene import Scene
 SAFETY = 0.9
 # How frames are cut: shear for which steps are counted [rad], how many times as many are taken, and the sine of cells'
 # shear at a frame's start and end up to which that holds. What is over 1 is stretched as well, as by steps that were
-# too long: so are, whatever the shear, frames at whose start or end neighbours part at over FAST of the speed of waves
-# along threads, for cells of a coarse grid turn over and back within one.
+# too long.
 LEVELS = ((np.radians(15.0), 1, 0.4), (np.pi / 2, 1, 1.2), (np.pi / 2, 2, np.inf))
-FAST = 0.3
-LIMIT, PATCH = 0.96, 7  # the safety of a sheet sheared as far as the first of them holds, and how many rows it has
+FAST, SLACK = 0.3, 0.1  # of waves' speed, and of a cell that they go in a step: see ``parting``
+LIMIT, PATCH = 0.96, 7  # the safety of a sheet sheared as far as the first of LEVELS holds, and how many rows it has
 UNDAMPED = 0.02  # damping times the largest frequency, below which nothing takes what a few sheared cells give
 RESONANCE = 12.0  # what slow forces, held, may do to fast waves over what damping takes of them, as in ``interval``
 HELD = 7  # substeps for which slow forces are held: docs/solvers.md has what more would save and cost
@@ -109,6 +108,17 @@ def stable_step(
         return min(step(springs, 1, 1), step(springs, material.compression, material.compression_damping))
 
     return min(SAFETY * both(waves), LIMIT * both(border))
+
+
+def parting(scene: Scene, material: Material, h: float) -> float:
+    """Speed of neighbours over each other [m/s] over which a frame is cut as by the last of ``LEVELS``.
+
+    ``FAST`` of that of waves along threads, whatever the shear: cells of a coarse grid turn over and back within a
+    frame. None where waves go less than ``SLACK`` of a cell in a step of ``h`` [s]: that is short enough.
+    """
+    wave = np.sqrt(material.stretch_stiffness / material.areal_density)
+    slack = wave * h < SLACK * min(scene.grid.row_spacing, scene.grid.col_spacing)
+    return np.inf if slack else float(FAST * wave)
 
 
 @lru_cache(maxsize=1024)

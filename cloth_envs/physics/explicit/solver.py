@@ -7,7 +7,7 @@ import numpy as np
 
 from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
-from cloth_envs.physics.explicit.bounds import FAST, HELD, LEVELS, interval, stable_step
+from cloth_envs.physics.explicit.bounds import HELD, LEVELS, interval, parting, stable_step
 from cloth_envs.physics.laws.diagnostics import strains
 from cloth_envs.physics.solver import PRESSURE, STRETCH, Solver, fastest, kernel_material, kernel_sheet
 from cloth_envs.scene import Scene
@@ -64,11 +64,11 @@ class ExplicitSolver(Solver):
         self._fastest = fastest(scene)
         self._wanted = None if substeps is None else whole_number("substeps", substeps)
         kernel = kernels.Explicit32 if self.dtype == np.float32 else kernels.Explicit64
-        self._kernel = kernel(kernel_sheet(scene), [most for *_, most in LEVELS], FAST)
+        self._kernel = kernel(kernel_sheet(scene), [most for *_, most in LEVELS])
         self._stepped = [scene.material] * num_envs
         self._felt = [kernel_material(scene.material)] * num_envs
         self._cuts = self._last = np.ones((num_envs, len(LEVELS), 2), np.int32)
-        self._levels = np.zeros(num_envs, np.int32)
+        self._levels, self._parting = np.zeros(num_envs, np.int32), [np.inf] * num_envs
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
     def check_material(self, material: Material) -> None:
@@ -96,6 +96,7 @@ class ExplicitSolver(Solver):
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         for i, m in zip(which, materials, strict=True):
             self._stepped[i], self._felt[i], self._cuts[i] = m, kernel_material(m), self._cut(m)
+            self._parting[i] = parting(self.scene, m, self.scene.frame_dt / int(self.substeps[i]))
 
     def _cut(
         self, material: Material, pressure: float = PRESSURE, speed: float = 0.0, cause: str = "this material"
@@ -154,15 +155,15 @@ class ExplicitSolver(Solver):
 
     def _levels_of(self, state: State) -> np.ndarray:
         """Which of ``LEVELS`` holds each cloth."""
-        return np.array(self._kernel.levels(state.positions, state.velocities, self._felt))
+        return np.array(self._kernel.levels(state.positions, state.velocities, self._parting))
 
     def step(self, old: State, new: State, controls: Controls) -> None:
         self._last = self._cuts_of(old, controls) if self.scene.pressure else self._cuts
         given, found = (old, new, controls, self._felt), np.zeros_like(self._levels)
-        speeds = self._kernel.advance(*given, self._last, found, self._fastest, self.threads)
+        speeds = self._kernel.advance(*given, self._last, self._parting, found, self._fastest, self.threads)
         if speeds:
             self._last = self._cuts_of(old, controls, speeds)
-            self._kernel.advance(*given, self._last, found, np.inf, self.threads)
+            self._kernel.advance(*given, self._last, self._parting, found, np.inf, self.threads)
         self._levels = found
         blown = self.scene.pressure and abs(controls.pressure).max() > BREEZE
         if blown and not np.isfinite(new.positions.sum()):

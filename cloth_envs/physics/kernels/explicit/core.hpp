@@ -67,14 +67,18 @@ struct Substeps {
   bool operator==(const Substeps& o) const { return count == o.count && held == o.held; }
 };
 
-// How a cloth's frames are cut while it is sheared by no more than each of Explicit's limits.
-using Cuts = std::vector<Substeps>;
+// How a cloth's frames are cut while it is sheared by no more than each of Explicit's limits, and the speed of
+// neighbours over each other above which as by the last [m/s].
+struct Cuts {
+  std::vector<Substeps> levels;
+  double fast;
+};
 
 template <class T>
 class Explicit {
  public:
-  // `sheared` are sines of shear, rising; `fast` is a speed over that of waves along threads.
-  Explicit(Sheet sheet, std::vector<double> sheared, double fast);
+  // `sheared` are sines of shear, rising.
+  Explicit(Sheet sheet, std::vector<double> sheared);
   // Frames of some cloths, each of its own material. Which of its cuts each takes is found in `levels`: that of its
   // `level` at the frame's start or, where that is higher at the end or it is not finite, of that in another go.
   // Results do not depend on threads, nor on which cloths are in a batch.
@@ -86,8 +90,8 @@ class Explicit {
   double shear(const T* x) const;
   // The largest speed of a vertex over its neighbour's along a row or column, of velocities (3, H, W) [m/s].
   double apart(const T* v) const;
-  // Which cuts hold: those of the shear, the last where neighbours part fast.
-  int level(const T* x, const T* v, const Material& material) const;
+  // Which cuts hold: those of the shear, the last where neighbours part at over `fast` [m/s].
+  int level(const T* x, const T* v, double fast) const;
   std::size_t levels() const { return sheared_.size(); }
   const Sheet& sheet() const { return sheet_; }
 
@@ -102,7 +106,6 @@ class Explicit {
                const std::vector<std::size_t>& members) const;
   Sheet sheet_;
   std::vector<double> sheared_;
-  double fast_;
   Strips<T> bands_, cloths_;
 };
 
