@@ -48,7 +48,7 @@ def nearly_undamped(grid: Grid, material: Material) -> Material:
 
 
 def largest(grid: Grid, material: Material, x: np.ndarray) -> float:
-    """Largest eigenvalue of ``M^-1 K`` in the plane of springs that act along themselves, by power iteration [1/s^2]."""
+    """Largest eigenvalue of ``M^-1 K`` in the plane of springs that act along themselves, by iteration [1/s^2]."""
     at, mass = x[0, :2].reshape(2, -1), grid.areas.ravel() * material.areal_density
     u, found = np.random.default_rng(0).normal(size=at.shape), 0.0
     for _ in range(300):

@@ -77,8 +77,8 @@ class Largest {
     for (; c + n < end; c += n) most = larger(of(most, row + c), most);
     most = larger(of(most, row + (end - n)), most);
   }
-  static constexpr int kFew = 16 / int(sizeof(T));
-  typedef T Short __attribute__((vector_size(16)));
+  static constexpr int kFew = (sizeof(V<T>) > 32 ? 32 : 16) / int(sizeof(T));
+  typedef T Short __attribute__((vector_size(kFew * sizeof(T))));
   V<T> most_ = {};
   Short some_ = {};
   T last_ = 0;
