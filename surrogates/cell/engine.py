@@ -133,14 +133,14 @@ class TorchSheet(CellSheet):
 
     def step(self, old: State, new: State, controls: Controls) -> None:
         cuts = self._cuts_of(old, controls, self._kernel.speeds(old, new, controls))
-        members, levels = np.arange(self.num_envs), self._levels_of(old.positions)
+        members, levels = np.arange(self.num_envs), self._levels_of(old)
         todo = members
         with torch.no_grad():
             while len(todo):
                 taken = cuts[members, levels]
                 for cut in np.unique(taken[todo], axis=0):
                     self._frame(todo[(taken[todo] == cut).all(1)], cut, old, new, controls)
-                levels = np.maximum(levels, self._levels_of(new.positions))
+                levels = np.maximum(levels, self._levels_of(new))
                 todo = np.flatnonzero((cuts[members, levels] != taken).any(1))
 
     def _frame(self, which: np.ndarray, cut: np.ndarray, old: State, new: State, controls: Controls) -> None:

@@ -4,15 +4,19 @@ from functools import lru_cache
 
 import numpy as np
 
+from cloth_envs.grid import Grid
 from cloth_envs.material import Material
+from cloth_envs.physics.laws.stencil import edges
 from cloth_envs.physics.solver import PRESSURE, air_bound, pressure_bound, stiffness_bound
 from cloth_envs.scene import Scene
 
 SAFETY = 0.9
 # How frames are cut: shear for which steps are counted [rad], how many times as many are taken, and the sine of cells'
-# shear at a frame's start and end up to which that holds. Waves on cells sheared by up to 33 degrees are inside SAFETY;
-# what is over 1 is stretched as well, as by steps that were too long.
-LEVELS = ((np.radians(15.0), 1, 0.5), (np.pi / 2, 1, 1.2), (np.pi / 2, 2, np.inf))
+# shear at a frame's start and end up to which that holds. What is over 1 is stretched as well, as by steps that were
+# too long.
+LEVELS = ((np.radians(15.0), 1, 0.4), (np.pi / 2, 1, 1.2), (np.pi / 2, 2, np.inf))
+FAST, SLACK = 0.3, 0.1  # of waves' speed, and of a cell that they go in a step: see ``parting``
+LIMIT, PATCH = 0.96, 7  # the safety of a sheet sheared as far as the first of LEVELS holds, and how many rows it has
 UNDAMPED = 0.02  # damping times the largest frequency, below which nothing takes what a few sheared cells give
 RESONANCE = 12.0  # what slow forces, held, may do to fast waves over what damping takes of them, as in ``interval``
 HELD = 7  # substeps for which slow forces are held: docs/solvers.md has what more would save and cost
@@ -25,10 +29,10 @@ def directed_bound(scene: Scene, material: Material, shear: float) -> float:
     """Largest eigenvalue of ``M^-1 K`` for springs that act along themselves only [1/s^2].
 
     ``K`` of a spring is ``k d d^T``, ``d`` its direction: what neighbours along a row and along a column do to a vertex
-    does not add up, as in ``stiffness_bound``. On an even grid waves ``exp(i (p r + q c))`` are eigenvectors; a free
-    border with its halved masses and springs is one mirrored about it. The largest over all waves, of flat cells and of
-    cells sheared by ``shear`` [rad], at 90 degrees the bound of ``stiffness_bound``; cloth with next to no damping is
-    bounded for these.
+    does not add up, as in ``stiffness_bound``. On an even grid waves ``exp(i (p r + q c))`` are eigenvectors, but for
+    its borders (``border_bound``). The largest over all waves, of flat cells and of cells sheared by ``shear`` [rad],
+    at 90 degrees the bound of ``stiffness_bound``, borders included; cloth with next to no damping is bounded for
+    these.
     """
     grid, worst = scene.grid, 0.0
     a, b, stretch = grid.row_spacing, grid.col_spacing, material.stretch_stiffness
@@ -43,28 +47,81 @@ def directed_bound(scene: Scene, material: Material, shear: float) -> float:
     return worst / (material.areal_density * a * b)
 
 
+@lru_cache(maxsize=1024)
+def free_bound(grid: Grid, shear: float, angle: float) -> float:
+    """Largest eigenvalue of ``M^-1 K`` of a whole free sheet, of stretch stiffness 1 N/m and 1 kg/m^2 [1/s^2].
+
+    Its springs act along themselves, its cells are sheared by ``angle`` [rad], ``shear`` [N/m] is its shear stiffness.
+    At a free border what the two diagonals of a cell do across each other has no counterpart: with a shear as stiff as
+    the stretch, the largest eigenvalue is 5 % over that of all waves on flat square cells, 10 % on sheared ones.
+    """
+    c, r = np.meshgrid(np.arange(grid.cols) * grid.col_spacing, np.arange(grid.rows) * grid.row_spacing)
+    at = np.stack([c + r * np.sin(angle), r * np.cos(angle)], -1).reshape(-1, 2)
+    mass, blocks = np.sqrt(grid.areas.ravel()), []
+    for edge in edges(grid):
+        d, number = at[edge.second] - at[edge.first], np.arange(len(edge.first))
+        k = edge.weight * (1.0 if edge.modulus == "stretch_stiffness" else shear)
+        pull = d * (np.sqrt(k) / np.linalg.norm(d, axis=1))[:, None]
+        block = np.zeros((len(d), grid.vertices, 2))
+        block[number, edge.first] = -pull / mass[edge.first, None]
+        block[number, edge.second] = pull / mass[edge.second, None]
+        blocks.append(block.reshape(len(d), -1))
+    springs = np.concatenate(blocks)
+    return float(np.linalg.eigvalsh(springs.T @ springs)[-1])
+
+
+def border_bound(scene: Scene, material: Material) -> float:
+    """The larger ``free_bound`` of the flat sheet and of one sheared as far as the first of ``LEVELS`` holds [1/s^2].
+
+    Of a sheet of at most 7 x 7 vertices: what a border adds decays within 3 cells.
+    """
+    a, b = scene.grid.row_spacing, scene.grid.col_spacing
+    rows, cols = min(PATCH, scene.grid.rows), min(PATCH, scene.grid.cols)
+    patch = Grid(rows, cols, (rows - 1) * a / b, cols - 1.0)
+    ratio = material.shear_stiffness / material.stretch_stiffness
+    worst = max(free_bound(patch, ratio, angle) for angle in (0.0, float(np.arcsin(LEVELS[0][2]))))
+    return worst * material.stretch_stiffness / (material.areal_density * b * b)
+
+
 @lru_cache(maxsize=1024)  # an environment asks before it sets a material
 def stable_step(
     scene: Scene, material: Material, pressure: float = PRESSURE, speed: float = 0.0, shear: float = LEVELS[0][0]
 ) -> float:
-    """The step ``h`` [s] for which ``h^2 K + 2 h C <= 4 M`` with safety 0.9.
+    """The step ``h`` [s] for which ``h^2 K + 2 h C <= 4 M``, with safety.
 
     With the damping force taken at the velocity half a step before, each mode has the
     characteristic polynomial ``z^2 - (2 - h c - h^2 k) z + (1 - h c)``; its roots stay in the unit
-    circle while ``h^2 k + 2 h c <= 4``. ``k`` holds springs (``directed_bound`` of ``shear`` [rad]), bending and, where
-    the scene has it, ``pressure`` [Pa]; ``c`` the dashpots (``damping`` times the springs' stiffness) and the slope of
-    the air's force (``air_bound``) up to ``speed`` [m/s]. Every spring adds the larger of what it adds lengthened and
+    circle while ``h^2 k + 2 h c <= 4``. ``k`` holds springs, bending and, where the scene has it,
+    ``pressure`` [Pa]; ``c`` the dashpots (``damping`` times the springs' stiffness) and the slope of the air's force
+    (``air_bound``) up to ``speed`` [m/s]. Every spring adds the larger of what it adds lengthened and
     shortened, so the step is the smaller one of a sheet of either.
+
+    Of springs ``directed_bound`` of ``shear`` [rad] counts, with a safety of 0.9, and ``border_bound``, as far as cells
+    are sheared before frames are cut otherwise, with one of 0.96.
     """
-    springs = directed_bound(scene, material, shear)
+    waves, border = directed_bound(scene, material, shear), border_bound(scene, material)
     other = stiffness_bound(scene, material)[1] + pressure_bound(scene, material, pressure)
     air = air_bound(scene, material, pressure, speed)
 
-    def step(stiffness: float, damping: float) -> float:
+    def step(springs: float, stiffness: float, damping: float) -> float:
         k, c = stiffness * springs + other, damping * material.damping * springs + air
         return 2 / (np.sqrt(c * c / 4 + k) + c / 2)
 
-    return SAFETY * min(step(1, 1), step(material.compression, material.compression_damping))
+    def both(springs: float) -> float:
+        return min(step(springs, 1, 1), step(springs, material.compression, material.compression_damping))
+
+    return min(SAFETY * both(waves), LIMIT * both(border))
+
+
+def parting(scene: Scene, material: Material, h: float) -> float:
+    """Speed of neighbours over each other [m/s] over which a frame is cut as by the last of ``LEVELS``.
+
+    ``FAST`` of that of waves along threads, whatever the shear: cells of a coarse grid turn over and back within a
+    frame. None where waves go less than ``SLACK`` of a cell in a step of ``h`` [s]: that is short enough.
+    """
+    wave = np.sqrt(material.stretch_stiffness / material.areal_density)
+    slack = wave * h < SLACK * min(scene.grid.row_spacing, scene.grid.col_spacing)
+    return np.inf if slack else float(FAST * wave)
 
 
 @lru_cache(maxsize=1024)

@@ -7,7 +7,7 @@ import numpy as np
 
 from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
-from cloth_envs.physics.explicit.bounds import HELD, LEVELS, interval, stable_step
+from cloth_envs.physics.explicit.bounds import HELD, LEVELS, interval, parting, stable_step
 from cloth_envs.physics.laws.diagnostics import strains
 from cloth_envs.physics.solver import PRESSURE, STRETCH, Solver, fastest, kernel_material, kernel_sheet
 from cloth_envs.scene import Scene
@@ -28,14 +28,15 @@ class ExplicitSolver(Solver):
 
     The number of substeps comes from a bound on the spectrum (``stable_step``), so every
     material that is not refused is stable; a frame in a pressure of over 100 Pa, or of something faster than 12 m/s and
-    twice the wind, is stepped in as many more as that needs, and one at whose start or end cells are sheared by over 30
-    degrees in about 1.3 times as many, or, where they are stretched as well or not finite, twice those. Handles and
-    bodies move on cubics through the frame. ``crossings`` ``(B,)`` counts the pairs of triangles that crossed as the
-    last frame began, 0 without self-contact.
+    twice the wind, is stepped in as many more as that needs, and one at whose start or end cells are sheared by over 24
+    degrees in about 1.3 times as many, or, where they are stretched as well, neighbours part at over 0.3 times the
+    speed of waves along threads, or something is not finite, twice those. Handles and bodies move on cubics through the
+    frame. ``crossings`` ``(B,)`` counts the pairs of triangles that crossed as the last frame began, 0 without
+    self-contact.
 
     Args, beside those of ``Solver``:
         substeps: per frame, instead of the largest stable step; not below the stable number of cloth that is sheared
-            by up to 30 degrees, more where it is sheared further and needs them.
+            by up to 24 degrees, more where it is sheared further and needs them.
         refine: multiplies the number of substeps (4 for truth).
         held: for how many substeps bending and the air are held, at most; fewer where they would not be stable. By
             default up to 7, fewer where the air's rate or a lack of damping asks for it: as exact as the step.
@@ -68,7 +69,7 @@ class ExplicitSolver(Solver):
         self._stepped = [scene.material] * num_envs
         self._felt = [kernel_material(scene.material)] * num_envs
         self._cuts = self._last = np.ones((num_envs, len(LEVELS), 2), np.int32)
-        self._levels = np.zeros(num_envs, np.int32)
+        self._levels, self._parting = np.zeros(num_envs, np.int32), [np.inf] * num_envs
         self.crossings = np.zeros(num_envs, np.int32)
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
@@ -97,6 +98,7 @@ class ExplicitSolver(Solver):
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         for i, m in zip(which, materials, strict=True):
             self._stepped[i], self._felt[i], self._cuts[i] = m, kernel_material(m), self._cut(m)
+            self._parting[i] = parting(self.scene, m, self.scene.frame_dt / int(self.substeps[i]))
 
     def _cut(
         self, material: Material, pressure: float = PRESSURE, speed: float = 0.0, cause: str = "this material"
@@ -153,18 +155,19 @@ class ExplicitSolver(Solver):
             cuts[i] = self._cut(self._stepped[i], load, speed, cause)
         return cuts
 
-    def _levels_of(self, positions: np.ndarray) -> np.ndarray:
-        """Which of ``LEVELS`` holds cloths at ``positions`` (B, 3, H, W)."""
-        return np.searchsorted([most for *_, most in LEVELS], self._kernel.shear(positions))
+    def _levels_of(self, state: State) -> np.ndarray:
+        """Which of ``LEVELS`` holds each cloth."""
+        return np.array(self._kernel.levels(state.positions, state.velocities, self._parting))
 
     def step(self, old: State, new: State, controls: Controls) -> None:
         self._last = self._cuts_of(old, controls) if self.scene.pressure else self._cuts
         given, found = (old, new, controls, self._felt), np.zeros_like(self._levels)
         self.crossings = np.zeros_like(self._levels)
-        speeds = self._kernel.advance(*given, self._last, found, self.crossings, self._fastest, self.threads)
+        told = (self._parting, found, self.crossings)
+        speeds = self._kernel.advance(*given, self._last, *told, self._fastest, self.threads)
         if speeds:
             self._last = self._cuts_of(old, controls, speeds)
-            self._kernel.advance(*given, self._last, found, self.crossings, np.inf, self.threads)
+            self._kernel.advance(*given, self._last, *told, np.inf, self.threads)
         self._levels = found
         blown = self.scene.pressure and abs(controls.pressure).max() > BREEZE
         if blown and not np.isfinite(new.positions.sum()):

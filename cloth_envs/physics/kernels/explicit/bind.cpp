@@ -25,19 +25,21 @@ std::vector<double> speeds_of(const Explicit<T>& solver, const Frames<T>& frames
 template <class T>
 std::vector<double> advance_explicit(const Explicit<T>& solver, const PythonState& old, const PythonState& now,
                                      const PythonControls& controls, const std::vector<Material>& materials,
-                                     In<int, 3> substeps, Out<int, 1> levels, Out<int, 1> crossings, double most,
-                                     int threads) {
+                                     In<int, 3> substeps, const std::vector<double>& fast, Out<int, 1> levels,
+                                     Out<int, 1> crossings, double most, int threads) {
   const Frames<T> frames(solver.sheet(), old, now, controls);
   const std::size_t batch = frames().size(), count = solver.levels();
-  need(materials.size() == batch && shaped(substeps, {batch, count, 2}) && shaped(levels, {batch}) &&
-           shaped(crossings, {batch}),
-       "materials, levels and crossings must be B, substeps (B, L, 2)");
-  std::vector<Cuts> cuts(batch, Cuts(count));
-  for (std::size_t b = 0; b < batch; ++b)
+  need(materials.size() == batch && fast.size() == batch && shaped(substeps, {batch, count, 2}) &&
+           shaped(levels, {batch}) && shaped(crossings, {batch}),
+       "materials, fast, levels and crossings must be B, substeps (B, L, 2)");
+  std::vector<Cuts> cuts(batch);
+  for (std::size_t b = 0; b < batch; ++b) {
+    cuts[b].fast = fast[b];
     for (std::size_t l = 0; l < count; ++l) {
-      cuts[b][l] = {substeps(b, l, 0), substeps(b, l, 1)};
-      need(cuts[b][l].count >= 1 && cuts[b][l].held >= 1, "substeps must be at least 1");
+      need(substeps(b, l, 0) >= 1 && substeps(b, l, 1) >= 1, "substeps must be at least 1");
+      cuts[b].levels.push_back({substeps(b, l, 0), substeps(b, l, 1)});
     }
+  }
   need(threads >= 1, "threads must be at least 1");
   if (std::isfinite(most)) {
     const std::vector<double> speeds = speeds_of(solver, frames);
@@ -54,30 +56,55 @@ std::vector<double> speeds_explicit(const Explicit<T>& solver, const PythonState
   return speeds_of(solver, Frames<T>(solver.sheet(), old, now, controls));
 }
 
+// What `of` finds in each cloth of a batch of fields (B, 3, H, W).
+template <class T, class Of>
+auto of_each(const Explicit<T>& solver, const In<T, 4>& fields, const Of& of) {
+  const std::size_t batch = fields.shape(0), rows = solver.sheet().rows, cols = solver.sheet().cols;
+  need(shaped(fields, {batch, 3, rows, cols}), "positions and velocities must be (B, 3, H, W)");
+  std::vector<decltype(of(0, fields.data()))> found;
+  for (std::size_t b = 0; b < batch; ++b) found.push_back(of(b, fields.data() + b * 3 * rows * cols));
+  return found;
+}
+
 template <class T>
 std::vector<double> shear_explicit(const Explicit<T>& solver, In<T, 4> positions) {
-  const std::size_t batch = positions.shape(0), rows = solver.sheet().rows, cols = solver.sheet().cols;
-  need(shaped(positions, {batch, 3, rows, cols}), "positions must be (B, 3, H, W)");
-  std::vector<double> found;
-  for (std::size_t b = 0; b < batch; ++b) found.push_back(solver.shear(positions.data() + b * 3 * rows * cols));
-  return found;
+  return of_each(solver, positions, [&](std::size_t, const T* x) { return solver.shear(x); });
+}
+
+template <class T>
+std::vector<double> apart_explicit(const Explicit<T>& solver, In<T, 4> velocities) {
+  return of_each(solver, velocities, [&](std::size_t, const T* v) { return solver.apart(v); });
+}
+
+template <class T>
+std::vector<int> levels_explicit(const Explicit<T>& solver, In<T, 4> positions, In<T, 4> velocities,
+                                 const std::vector<double>& fast) {
+  const std::vector<const T*> v = of_each(solver, velocities, [](std::size_t, const T* at) { return at; });
+  need(v.size() == positions.shape(0) && fast.size() == v.size(), "velocities and fast must be B");
+  return of_each(solver, positions, [&](std::size_t b, const T* x) { return solver.level(x, v[b], fast[b]); });
 }
 
 template <class T>
 void bind_explicit(nb::module_& m, const char* name) {
   nb::class_<Explicit<T>>(m, name)
       .def(nb::init<Sheet, std::vector<double>>(), nb::arg("sheet"), nb::arg("sheared"))
-      .def("advance", &advance_explicit<T>, nb::arg("old"), nb::arg("new"), nb::arg("controls"), nb::arg("materials"),
-           nb::arg("substeps"), nb::arg("levels"), nb::arg("crossings"), nb::arg("most"), nb::arg("threads"),
-           "A frame from old to the positions and velocities of new, of each cloth's material. substeps (B, L, 2): "
-           "their number, and for how many of them bending and the air are held, while shear has at most each of the L "
-           "sines `sheared`; levels (B,) says which were taken, crossings (B,) how many pairs of triangles crossed in "
-           "old, "
-           "with contact of the cloth with itself. Where something is faster than most [m/s], nothing is "
-           "done but to return the speeds.")
+      .def(
+          "advance", &advance_explicit<T>, nb::arg("old"), nb::arg("new"), nb::arg("controls"), nb::arg("materials"),
+          nb::arg("substeps"), nb::arg("fast"), nb::arg("levels"), nb::arg("crossings"), nb::arg("most"),
+          nb::arg("threads"),
+          "A frame from old to the positions and velocities of new, of each cloth's material. substeps (B, L, 2): "
+          "their number, and for how many of them bending and the air are held, of each of the L levels; levels (B,) "
+          "says which were taken, crossings (B,) how many pairs of triangles crossed in old, with contact of the cloth "
+          "with itself. Where something is faster than most [m/s], nothing is done but to return the speeds.")
       .def("shear", &shear_explicit<T>, nb::arg("positions"),
            "The largest shear of each cloth, (B,), of positions (B, 3, H, W): the mean sine at an inner vertex's four "
-           "corners, as long as edges have their lengths.")
+           "corners, as long as edges have their lengths; those above may count against those below, those to the left "
+           "against those to the right.")
+      .def("apart", &apart_explicit<T>, nb::arg("velocities"),
+           "The largest speed of a vertex over its neighbour's along a row or column in each cloth, (B,) [m/s].")
+      .def("levels", &levels_explicit<T>, nb::arg("positions"), nb::arg("velocities"), nb::arg("fast"),
+           "Which cuts hold, (B,): the first whose sine of `sheared` the shear does not exceed, the last where "
+           "neighbours part at over `fast` (B,) [m/s].")
       .def("speeds", &speeds_explicit<T>, nb::arg("old"), nb::arg("new"), nb::arg("controls"),
            "The largest speed of cloth, handles or bodies in each cloth's frame [m/s].");
 }

@@ -164,7 +164,7 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
   std::vector<std::vector<std::size_t>> groups;
   const std::size_t most = std::size_t(bands_.width);
   const bool small = !sheet_.periodic && 4 * sizeof(T) * cloths_.field < kCache;
-  const auto substeps = [&](std::size_t i) -> const Substeps& { return cuts[i][levels[i]]; };
+  const auto substeps = [&](std::size_t i) -> const Substeps& { return cuts[i].levels[levels[i]]; };
   const auto whole = [&](const T* field) {
     return std::all_of(field, field + 3 * sheet_.rows * sheet_.cols, [](T v) { return std::isfinite(v); });
   };
@@ -183,7 +183,7 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     for (const std::size_t i : groups[g]) {
       const Frame<T>& f = frames[i];
       const bool blown = !finite && !(whole(f.x_out) && whole(f.v_out)) && whole(f.x) && whole(f.v);
-      ends[i] = blown ? int(sheared_.size()) - 1 : level(f.x_out);
+      ends[i] = blown ? int(sheared_.size()) - 1 : level(f.x_out, f.v_out, cuts[i].fast);
     }
   });
 }
@@ -195,8 +195,14 @@ double Explicit<T>::shear(const T* x) const {
 }
 
 template <class T>
-int Explicit<T>::level(const T* x) const {
-  return int(std::lower_bound(sheared_.begin(), sheared_.end() - 1, shear(x)) - sheared_.begin());
+double Explicit<T>::apart(const T* v) const {
+  return std::sqrt(double(lanes<ExplicitLanes<T>>().apart(sheet_.rows, sheet_.cols, v)));
+}
+
+template <class T>
+int Explicit<T>::level(const T* x, const T* v, double fast) const {
+  const auto last = sheared_.end() - 1;
+  return int((apart(v) > fast ? last : std::lower_bound(sheared_.begin(), last, shear(x))) - sheared_.begin());
 }
 
 template <class T>
@@ -204,15 +210,15 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
                           const std::vector<Cuts>& cuts, int threads, int* levels, int* crossings) const {
   std::vector<std::size_t> which(frames.size());
   std::iota(which.begin(), which.end(), std::size_t(0));
-  for (const std::size_t i : which) levels[i] = level(frames[i].x);
+  for (const std::size_t i : which) levels[i] = level(frames[i].x, frames[i].v, cuts[i].fast);
   std::vector<int> ends(frames.size());
   while (!which.empty()) {
     advance(frames, materials, cuts, threads, which, levels, ends.data(), crossings);
     std::vector<std::size_t> again;
     for (const std::size_t i : which) {
-      const Substeps before = cuts[i][levels[i]];
+      const Substeps before = cuts[i].levels[levels[i]];
       levels[i] = std::max(levels[i], ends[i]);
-      if (!(cuts[i][levels[i]] == before)) again.push_back(i);
+      if (!(cuts[i].levels[levels[i]] == before)) again.push_back(i);
     }
     which = again;
   }

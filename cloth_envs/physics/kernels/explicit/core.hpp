@@ -54,8 +54,9 @@ struct ExplicitLanes {
   // Bending and the air.
   using Slow = void (*)(const Strips<T>&, const Fields<T>&, const SlowTerms<T>&);
   Slow slow[2][2][2];  // [bending][air][pressure]; none for none
-  // Of the shear of positions, see shear.hpp.
+  // Of the shear of positions, and of velocities: see shear.hpp.
   T (*slant)(int, int, const T*);
+  T (*apart)(int, int, const T*);
 };
 DECLARE_LANES(ExplicitLanes<float>)
 DECLARE_LANES(ExplicitLanes<double>)
@@ -66,8 +67,12 @@ struct Substeps {
   bool operator==(const Substeps& o) const { return count == o.count && held == o.held; }
 };
 
-// How a cloth's frames are cut while it is sheared by no more than each of Explicit's limits.
-using Cuts = std::vector<Substeps>;
+// How a cloth's frames are cut while it is sheared by no more than each of Explicit's limits, and the speed of
+// neighbours over each other above which as by the last [m/s].
+struct Cuts {
+  std::vector<Substeps> levels;
+  double fast;
+};
 
 template <class T>
 class Explicit {
@@ -75,19 +80,23 @@ class Explicit {
   // `sheared` are sines of shear, rising.
   Explicit(Sheet sheet, std::vector<double> sheared);
   // Frames of some cloths, each of its own material. Which of its cuts each takes is found in `levels`: that of its
-  // shear at the frame's start or, where it is sheared more at the end or not finite, of that in another go. How many
-  // pairs of its triangles crossed at the start is found in `crossings`, 0 without contact with itself. Results do not
-  // depend on threads, nor on which cloths are in a batch.
+  // `level` at the frame's start or, where that is higher at the end or it is not finite, of that in another go. How
+  // many pairs of its triangles crossed at the start is found in `crossings`, 0 without contact with itself. Results do
+  // not depend on threads, nor on which cloths are in a batch.
   void advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
                const std::vector<Cuts>& cuts, int threads, int* levels, int* crossings) const;
   // The largest shear of positions (3, H, W), a sine: the mean over the four corners at an inner vertex, as long as
-  // edges have their lengths. Folded edges count for less.
+  // edges have their lengths, where those above may count against those below, those to the left against those to the
+  // right. Folded edges count for less.
   double shear(const T* x) const;
+  // The largest speed of a vertex over its neighbour's along a row or column, of velocities (3, H, W) [m/s].
+  double apart(const T* v) const;
+  // Which cuts hold: those of the shear, the last where neighbours part at over `fast` [m/s].
+  int level(const T* x, const T* v, double fast) const;
   std::size_t levels() const { return sheared_.size(); }
   const Sheet& sheet() const { return sheet_; }
 
  private:
-  int level(const T* x) const;
   // Those of `which`, each with the cuts of its level; the levels at their ends.
   void advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
                const std::vector<Cuts>& cuts, int threads, const std::vector<std::size_t>& which, const int* levels,

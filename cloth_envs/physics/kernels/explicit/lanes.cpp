@@ -19,6 +19,7 @@ const ExplicitLanes<T> instance = {
      {{slow<T, true, false, false>, slow<T, true, false, true>},
       {slow<T, true, true, false>, slow<T, true, true, true>}}},
     slant<T>,
+    apart<T>,
 };
 
 }  // namespace
