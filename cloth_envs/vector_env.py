@@ -150,13 +150,8 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             crossings[ended] = 0
             self._start(np.flatnonzero(ended))
             observations = world.observe()
-        return (
-            observations,
-            rewards,
-            terminated,
-            truncated,
-            infos | _told("guard", guarded) | _told("crossings_at_start", crossings),
-        )
+        infos |= _told("guard", guarded) | _told("crossings_at_start", crossings)
+        return observations, rewards, terminated, truncated, infos
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that decides the future, as arrays; see ``ClothEnv.get_state``."""

@@ -89,8 +89,8 @@ struct Looking {
   T reach, danger, h;  // m, m, s
 };
 
-// Of the parts of two cells: which to look at, as bits, and in how many steps first; whether the plane of one of them
-// does not part the cells now.
+// Of the parts of two cells: which to look at, as bits, and in how many steps first; whether the cells may cross now,
+// as neither's plane parts them.
 struct FirstLooks {
   std::uint16_t which;
   bool meet;
