@@ -15,38 +15,38 @@ inline W larger(const W& a, const W& b) {
 }
 template <class W>
 inline W size(const W& a) {
-  return a < 0 ? -a : a;
+  return larger(a, -a);
 }
 
 // Of vertices in the lanes of W: at their four corners, what leads down times what leads to the right, added with the
 // signs that make most of it: all alike, or other ones above than below, to the left than to the right, or both.
 template <class W, class T>
 inline W slant(const T* x, std::ptrdiff_t vertices, std::ptrdiff_t cols) {
-  W alike = {}, rows = {}, columns = {}, both = {};
+  W corners[2][2] = {};  // above and below, to the left and to the right
   for (int k = 0; k < 3; ++k, x += vertices) {
     W at, up, down, left, right;
     std::memcpy(&at, x, sizeof at);
     std::memcpy(&up, x - cols, sizeof up), std::memcpy(&down, x + cols, sizeof down);
     std::memcpy(&left, x - 1, sizeof left), std::memcpy(&right, x + 1, sizeof right);
-    const W twice = at + at, fall = down - up, along = right - left;
-    const W sag = (up + down) - twice, bow = (left + right) - twice;
-    alike += fall * along, rows += sag * along, columns += fall * bow, both += sag * bow;
+    const W fall[2] = {at - up, down - at}, along[2] = {at - left, right - at};
+    for (int i = 0; i < 2; ++i)
+      for (int j = 0; j < 2; ++j) corners[i][j] += fall[i] * along[j];
   }
-  return larger(larger(size(alike), size(rows)), larger(size(columns), size(both)));
+  const auto both = [](const W& above, const W& below) { return size(above) + size(below); };
+  return larger(both(corners[0][0] + corners[0][1], corners[1][0] + corners[1][1]),
+                both(corners[0][0] - corners[0][1], corners[1][0] - corners[1][1]));
 }
 
-// Of vertices in the lanes of W: the square of what one has over those that are `to` places before; the largest.
-template <class W, class T, class... To>
-inline W apart(const T* v, std::ptrdiff_t vertices, To... to) {
-  W squares[] = {(void(to), W{})...};
+// Of vertices in the lanes of W: the square of what one has over that `to` places before.
+template <class W, class T>
+inline W apart(const T* v, std::ptrdiff_t vertices, std::ptrdiff_t to) {
+  W sum = {};
   for (int k = 0; k < 3; ++k, v += vertices) {
-    W at, other, *square = squares;
-    std::memcpy(&at, v, sizeof at);
-    ((std::memcpy(&other, v - to, sizeof other), *square++ += (at - other) * (at - other)), ...);
+    W at, before;
+    std::memcpy(&at, v, sizeof at), std::memcpy(&before, v - to, sizeof before);
+    sum += (at - before) * (at - before);
   }
-  W most = squares[0];
-  for (const W& square : squares) most = larger(square, most);
-  return most;
+  return sum;
 }
 
 // The largest that is found in rows; NaN does not count. A row's last vector ends with it, over what was seen before;
@@ -100,14 +100,11 @@ template <class T>
 T apart(int height, int width, const T* v) {
   const std::ptrdiff_t rows = height, cols = width;
   Largest<T> largest;
-  const auto along = [&](auto like, const T* at) { return apart<decltype(like)>(at, rows * cols, 1); };
-  const auto down = [&](auto like, const T* at) { return apart<decltype(like)>(at, rows * cols, cols); };
-  const auto both = [&](auto like, const T* at) { return apart<decltype(like)>(at, rows * cols, 1, cols); };
-  largest.look(v, 1, cols, along);
-  for (std::ptrdiff_t r = 1; r < rows; ++r) {
-    largest.look(v + r * cols, 0, 1, down);
-    largest.look(v + r * cols, 1, cols, both);
-  }
+  const auto over = [&](std::ptrdiff_t to) {
+    return [&, to](auto like, const T* at) { return apart<decltype(like)>(at, rows * cols, to); };
+  };
+  for (std::ptrdiff_t r = 0; r < rows; ++r) largest.look(v + r * cols, 1, cols, over(1));
+  largest.look(v, cols, rows * cols, over(cols));  // rows lie one after the other
   return largest.found();
 }
 
