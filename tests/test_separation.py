@@ -59,3 +59,14 @@ def test_threads_and_batches_change_no_bit() -> None:
         found.append(copy.copy(world.state.positions))
     np.testing.assert_array_equal(found[0], found[1])
     np.testing.assert_array_equal(found[0][:1], found[2])
+
+
+def test_crossings_of_the_coarse_cloth_are_told() -> None:
+    world = World("Hanging", backend="miniature", backend_kwargs={"factor": 4})
+    world.reset({0: np_random(0)[0]})
+    tangled = world.state.copy()
+    grid = world.scene.grid
+    tangled.positions[0, 0] = 0.05 * np.sin(np.linspace(0, 40, grid.rows * grid.cols)).reshape(grid.shape)
+    world.set_positions(tangled.positions[0], np.zeros_like(tangled.positions[0]))
+    world.step(np.zeros((1, 3), np.float32))
+    assert world.crossings[0] > 0

@@ -63,6 +63,11 @@ class Upscaled:
         return self.fine.guarded
 
     @property
+    def crossings(self) -> np.ndarray:
+        """How many pairs of the coarse cloth's triangles crossed as the last frame began, ``(B,)``."""
+        return np.asarray(getattr(self.coarse.solver, "crossings", np.zeros(self.state.batch, np.int32)))
+
+    @property
     def memory(self) -> dict[str, np.ndarray]:
         """The coarse cloth, with its past frames, and what the upscaler remembers."""
         own = self._remembering.memory if self._remembering else {}
