@@ -66,7 +66,7 @@ def largest(grid: Grid, material: Material, x: np.ndarray) -> float:
     return found
 
 
-@pytest.mark.parametrize("degrees", [0.0, 23.5])
+@pytest.mark.parametrize("degrees", [0.0, 29.5])
 @pytest.mark.parametrize(
     ("grid", "material"),
     [
@@ -81,7 +81,7 @@ def test_a_step_holds_free_borders_and_damping_as_far_as_cells_are_sheared(
     """``h^2 K + 2 h C <= 4 M``."""
     assert np.sin(np.radians(degrees)) < LEVELS[0][2]
     h, k = stable_step(free(grid, material), material), largest(grid, material, kept(grid, degrees))
-    assert h * h * k + 2 * h * material.damping * k < 4 * 0.97
+    assert h * h * k + 2 * h * material.damping * k < 4
 
 
 @pytest.mark.parametrize(
@@ -106,17 +106,17 @@ def test_no_free_sheet_gains_energy(grid: Grid, material: Material, x: np.ndarra
 
 
 def test_a_damped_sheet_held_sheared_stays_at_rest() -> None:
-    """Its border is held at 28 degrees of shear, where it is in balance."""
+    """Its border is held at 29 degrees of shear, where it is in balance."""
     inside = np.zeros(SQUARE.shape, bool)
     inside[1:-1, 1:-1] = True
     held = tuple(np.flatnonzero(~inside).tolist())
     material = FABRICS["cotton"].with_changes(damping=1e-3)
     scene = Scene("held", SQUARE, material, 0.02, handles=held, gravity=0.0)
-    x, random = kept(SQUARE, 28), np.random.default_rng(2)
+    x, random = kept(SQUARE, 29), np.random.default_rng(2)
     x[:, :2] += random.normal(0, 1e-6, x[:, :2].shape) * inside
     state = State.still(x)
     last = run(scene, state, Controls.hold(state, held), frames=60)[0][-1]
-    assert abs(last.positions - kept(SQUARE, 28)).max() < 1e-5
+    assert abs(last.positions - kept(SQUARE, 29)).max() < 1e-5
     assert abs(last.velocities).max() < 1e-6
 
 

@@ -14,9 +14,9 @@ SAFETY = 0.9
 # How frames are cut: shear for which steps are counted [rad], how many times as many are taken, and the sine of cells'
 # shear at a frame's start and end up to which that holds. What is over 1 is stretched as well, as by steps that were
 # too long.
-LEVELS = ((np.radians(15.0), 1, 0.4), (np.pi / 2, 1, 1.2), (np.pi / 2, 2, np.inf))
+LEVELS = ((np.radians(15.0), 1, 0.5), (np.pi / 2, 1, 1.2), (np.pi / 2, 2, np.inf))
 FAST, SLACK = 0.3, 0.1  # of waves' speed, and of a cell that they go in a step: see ``parting``
-LIMIT, PATCH = 0.96, 7  # the safety of a sheet sheared as far as the first of LEVELS holds, and how many rows it has
+LIMIT, PATCH = 0.99, 7  # the safety of a sheet sheared as far as the first of LEVELS holds, and how many rows it has
 UNDAMPED = 0.02  # damping times the largest frequency, below which nothing takes what a few sheared cells give
 RESONANCE = 12.0  # what slow forces, held, may do to fast waves over what damping takes of them, as in ``interval``
 HELD = 7  # substeps for which slow forces are held: docs/solvers.md has what more would save and cost
@@ -97,7 +97,7 @@ def stable_step(
     shortened, so the step is the smaller one of a sheet of either.
 
     Of springs ``directed_bound`` of ``shear`` [rad] counts, with a safety of 0.9, and ``border_bound``, as far as cells
-    are sheared before frames are cut otherwise, with one of 0.96.
+    are sheared before frames are cut otherwise, with one of 0.99.
     """
     waves, border = directed_bound(scene, material, shear), border_bound(scene, material)
     other = stiffness_bound(scene, material)[1] + pressure_bound(scene, material, pressure)

@@ -28,7 +28,7 @@ class ExplicitSolver(Solver):
 
     The number of substeps comes from a bound on the spectrum (``stable_step``), so every
     material that is not refused is stable; a frame in a pressure of over 100 Pa, or of something faster than 12 m/s and
-    twice the wind, is stepped in as many more as that needs, and one at whose start or end cells are sheared by over 24
+    twice the wind, is stepped in as many more as that needs, and one at whose start or end cells are sheared by over 30
     degrees in about 1.3 times as many, or, where they are stretched as well, neighbours part at over 0.3 times the
     speed of waves along threads, or something is not finite, twice those. Handles and bodies move on cubics through the
     frame. ``crossings`` ``(B,)`` counts the pairs of triangles that crossed as the last frame began, 0 without
@@ -36,7 +36,7 @@ class ExplicitSolver(Solver):
 
     Args, beside those of ``Solver``:
         substeps: per frame, instead of the largest stable step; not below the stable number of cloth that is sheared
-            by up to 24 degrees, more where it is sheared further and needs them.
+            by up to 30 degrees, more where it is sheared further and needs them.
         refine: multiplies the number of substeps (4 for truth).
         held: for how many substeps bending and the air are held, at most; fewer where they would not be stable. By
             default up to 7, fewer where the air's rate or a lack of damping asks for it: as exact as the step.
