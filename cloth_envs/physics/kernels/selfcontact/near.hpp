@@ -47,10 +47,10 @@ struct Sweep {
   std::vector<int> corner[4];          // vertices of every cell: upper left, upper right, lower left, lower right
   std::vector<std::int16_t> row, col;  // of every cell
 
-  T most;                 // m, see NearLanes::blocks
-  T time, before, end;    // s: now, when boxes were last brought up to date, and until when ways are followed
-  Plane<T> x, v;          // of vertices now, 3 planes each
-  Plane<T> start, way;    // 3 rows of kWide of every block: where its points were at time 0, or would have been, m/s
+  T most;               // m, see NearLanes::blocks
+  T time, before, end;  // s: now, when boxes were last brought up to date, and until when ways are followed
+  Plane<T> x, v;        // of vertices now, 3 planes each
+  Plane<T> start, way;  // 3 rows of kWide of every block: where its points were at time 0, or would have been, m/s
   // Of cells: normals now and at the end, over their rest area; 1 where their triangles are nearly level with each
   // other, and where those of neighbours are as well, else -1.
   Plane<T> normal, later, plain, even;
