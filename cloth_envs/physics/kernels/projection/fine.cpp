@@ -96,12 +96,6 @@ class Fine {
         put(at, there);
         if (mends) (*mends)(at);
         push_out(at, met, pushed.data()[b], depth.data()[b]);
-        if (!(sheet_.self_thickness > 0)) return;
-        for (int round = 0; round < 2 && separate(sheet_, from, int(h), int(w), at, round > 0); ++round) {
-          int again;
-          float deepest;
-          put(at, there), push_out(at, met, again, deepest);
-        }
       };
       thread_local std::vector<float> half;
       if (between) {
@@ -115,6 +109,12 @@ class Fine {
       finish(mend);
       guarded.data()[b] = cubic && !(strain(at) <= guard);
       if (guarded.data()[b]) (*cubic)(from, 3, at), finish(mend_cubic);
+      const bool folds = sheet_.self_thickness > 0;
+      for (int round = 0; folds && round < 2 && separate(sheet_, from, int(h), int(w), at, round > 0); ++round) {
+        int again;
+        float deepest;
+        put(at, there), push_out(at, met, again, deepest);
+      }
       if (speeds) (*speeds)(moving, 3, speed);
       put(speed, driven_v.data() + b * 3 * held);
       stop_at(speed, at, met);
