@@ -81,12 +81,12 @@ class World:
             chosen = {**solver_of(preset), **chosen}
         check_backend_kwargs(backend, chosen, solvers=solvers_of(self._listed), beside=self._arguments)
         self.backend = make_backend(backend, self._listed, num_envs=num_envs, backend_kwargs=chosen)
+        own = {name: value for name, value in chosen.items() if name != "threads"}
+        self._physics = f"{backend} {json.dumps(own, sort_keys=True, default=repr)}"
         self.scene = self._modelled(wanted)
         self.task: Task = task_class(self.scene)
         self._check_ranges()
         warn_unusual(material, self.ranges)
-        own = {name: value for name, value in chosen.items() if name != "threads"}
-        self._physics = f"{backend} {json.dumps(own, sort_keys=True, default=repr)}"
         self.num_envs = num_envs
         self.title = f"{self.scene.name} {self.scene.grid} {backend}"
         self.failures = Failures(self.scene, self.task.max_strain)
@@ -109,8 +109,8 @@ class World:
             return self._listed
         if wanted:
             raise ValueError(
-                f"self_contact=True: {type(self.backend).__name__} has no contact of the cloth with itself: leave "
-                "self_contact out, or use solver='explicit'"
+                f"self_contact=True: {self._physics} has no contact of the cloth with itself: leave self_contact out, or "
+                "use solver='explicit' (of backend='cnn': engine='compiled')"
             )
         return replace(self._listed, self_contact=None)
 
