@@ -109,8 +109,8 @@ class World:
             return self._listed
         if wanted:
             raise ValueError(
-                f"self_contact=True: {self._physics} has no contact of the cloth with itself: leave self_contact out, or "
-                "use solver='explicit' (of backend='cnn': engine='compiled')"
+                f"self_contact=True: {self._physics} has no contact of the cloth with itself: leave self_contact out, "
+                "or use solver='explicit' (of backend='cnn': engine='compiled')"
             )
         return replace(self._listed, self_contact=None)
 
