@@ -14,7 +14,7 @@ SAFETY = 0.9
 # How frames are cut: shear for which steps are counted [rad], how many times as many are taken, and the sine of cells'
 # shear at a frame's start and end up to which that holds. What is over 1 is stretched as well, as by steps that were
 # too long.
-LEVELS = ((np.radians(15.0), 1, 0.5), (np.pi / 2, 1, 1.2), (np.pi / 2, 2, np.inf))
+LEVELS = ((np.radians(15.0), 1, 0.5), (np.pi / 2, 1, 1.2), (np.pi / 2, 4, np.inf))
 FAST, SLACK = 0.3, 0.1  # of waves' speed, and of a cell that they go in a step: see ``parting``
 LIMIT, PATCH = 0.99, 7  # the safety of a sheet sheared as far as the first of LEVELS holds, and how many rows it has
 UNDAMPED = 0.02  # damping times the largest frequency, below which nothing takes what a few sheared cells give
