@@ -19,9 +19,9 @@ from training.rollouts import Recording, record, seeded_actions, stack_controls,
 
 @dataclass(frozen=True)
 class Case:
-    """One episode under seeded smooth actions, on a grid ``coarse`` times coarser (1/2: finer), by one of TRUTHS.
+    """One episode under seeded ``actions`` (a policy's name), on a grid ``coarse`` times coarser (1/2: finer).
 
-    ``self_contact`` as in ``World``.
+    ``truth`` is one of TRUTHS, ``self_contact`` as in ``World``.
     """
 
     scene: str
@@ -29,6 +29,7 @@ class Case:
     coarse: float = 1
     truth: str = "g1"
     self_contact: bool | None = None
+    actions: str = "smooth"
 
     def world(self) -> World:
         resolution = coarser(load_task(self.scene).resolution, self.coarse)
@@ -42,7 +43,7 @@ class Case:
             ValueError: the truth itself failed.
         """
         world = self.world()
-        run = record(world, seeded_actions(world, [self.seed], ["smooth"], frames), keep, seeds=[self.seed])
+        run = record(world, seeded_actions(world, [self.seed], [self.actions], frames), keep, seeds=[self.seed])
         if run.failures[0]:
             raise ValueError(f"the truth of {self} failed ({run.failures[0]}): choose another seed")
         return run

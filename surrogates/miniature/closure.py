@@ -8,8 +8,9 @@ from cloth_envs.files import read_json
 from cloth_envs.material import Material
 from surrogates.checkpoint import WEIGHTS
 
-SCALINGS = ("similar", "seed", "calibrated", "closure")
-# Material properties that a calibration multiplies; a closure multiplies those after them too.
+SCALINGS = ("similar", "seed", "rule", "calibrated", "closure")
+# Material properties that a rule for all scenes and a calibration multiply; a closure multiplies those after them too.
+RULE = ("damping", "compression")
 FACTORS = ("areal_density", "stretch_stiffness", "shear_stiffness", "bend_stiffness", "damping", "compression")
 CLOSURE = (*FACTORS, "buckling_strain", "post_buckling", "compression_damping")
 
