@@ -1,11 +1,15 @@
 """The backend ``"miniature"``: coarse physics and an upscaler (Lee, Oh & Lee 2019), each by name."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from cloth_envs.arguments import as_whole, one_of, true_or_false
+from cloth_envs.material import Material
 from cloth_envs.scene import Scene
-from surrogates.miniature.choice import choose
+from cloth_envs.state import State
+from surrogates.miniature.choice import choose, closure_card
 from surrogates.miniature.coarse import CoarsePhysics
 from surrogates.miniature.correction import Correction, shipped
 from surrogates.miniature.mending import mends
@@ -21,10 +25,9 @@ class MiniatureBackend(Upscaled):
         factor: 2, 3 or 4, how many times fewer cells along each side.
         scaling: ``"similar"`` (the sheet's own material), ``"seed"`` (the paper's spring constants, ``factor^2``
             times too stiff), ``"calibrated"`` (factors fitted per scene), ``"closure"`` (those and a law of springs
-            in compression, fitted too). With neither this nor an upscaler given, ``"closure"`` and ``"local"`` where
-            both are shipped for the scene, else, and if only one is given, ``"similar"`` and ``"bicubic"``. Small and
-            thin cloths, which would tear with ``"local"``, are then interpolated linearly from at least 6 coarse cells
-            along each side (``choice``).
+            in compression, fitted too), ``"rule"`` (two of these factors, the same for all scenes). With neither this nor
+            an upscaler given, ``"closure"`` and ``"local"`` where their card holds (``card``), else what is plainer
+            (``choice``): ``surrogate`` tells. If only one is given, ``"similar"`` and ``"bicubic"``.
         factors: of a calibration of your own, ``{material property: multiplier}``, instead of the shipped ones.
         upscaler: an interpolation, ``"bilinear"``, ``"biquadratic"`` or ``"bicubic"``, a network by name, or
             ``"module:Class"``.
@@ -35,9 +38,11 @@ class MiniatureBackend(Upscaled):
         correction: ``"learned"``, a network that corrects the coarse cloth after every frame (``correction``).
         solver: of the coarse cloth, as for ``backend="reference"``. threads: over members of the batch.
         solver_kwargs: its other options.
+        strict: raise ValueError where a fit does not hold, instead of taking what is plainer.
 
     Raises:
-        ValueError: a bad argument, or a scene that has no calibration or correction.
+        ValueError: a bad argument, or a scene that has no calibration or correction; ``strict``, and a scene or
+            material beyond the closure's card.
     """
 
     def __init__(
@@ -55,6 +60,7 @@ class MiniatureBackend(Upscaled):
         threads: int = 1,
         solver: str = "explicit",
         solver_kwargs: Mapping[str, Any] | None = None,
+        strict: bool = False,
     ) -> None:
         cells = as_whole(factor)
         if cells not in (2, 3, 4):
@@ -63,9 +69,16 @@ class MiniatureBackend(Upscaled):
         for name, options in {"factors": factors, "solver_kwargs": solver_kwargs}.items():
             if options is not None and not isinstance(options, Mapping):
                 raise ValueError(f"{name} must be a dict, got {options!r}")
-        least = 2
-        if scaling is None and upscaler is None and solver == "explicit":
-            scaling, upscaler, least = choose(scene, factor)
+        least, why, fitted = 2, "", closure_card(scene.name, factor)
+        usual = scaling is None and upscaler is None and solver == "explicit"
+        if usual:
+            scaling, upscaler, least, why = choose(scene, factor)
+        elif scaling == "closure" and factors is None and fitted is not None:
+            why = fitted.beyond(scene)
+        if true_or_false("strict", strict) and why:
+            raise ValueError(f"strict=True: {why}: leave strict out for a plainer miniature, or use the reference")
+        self._strict, self._why, self._told = strict, why, np.full(num_envs, "", object)
+        self._card = fitted if scaling == "closure" and factors is None else None
         self.factor, self.scaling, self.upscaler = factor, scaling or "similar", upscaler or "bicubic"
         coarse = CoarsePhysics(
             scene,
@@ -74,6 +87,7 @@ class MiniatureBackend(Upscaled):
             least=least,
             scaling=self.scaling,
             factors=factors,
+            card=self._card if usual else None,
             solver=solver,
             options={"threads": threads, **(solver_kwargs or {})},
         )
@@ -86,6 +100,31 @@ class MiniatureBackend(Upscaled):
                 )
             coarse.correct(Correction(coarse.scene, shipped(scene.name, factor)))
         upscaling = make_upscaler(self.upscaler, coarse.scene, scene, factor)
-        usual = not isinstance(upscaling, Interpolation) and mends(scene, coarse.scene.grid)
-        self.mend = usual if mend is None else true_or_false("mend", mend)
+        gains = not isinstance(upscaling, Interpolation) and mends(scene, coarse.scene.grid)
+        self.mend = gains if mend is None else true_or_false("mend", mend)
         super().__init__(coarse, upscaling, mend=self.mend, guard=guard, threads=threads)
+
+    @property
+    def surrogate(self) -> np.ndarray:
+        """Why each member is plainer than usual or beyond its card, ``(B,)`` text; empty where neither is so."""
+        return self._told.copy()
+
+    def check_material(self, material: Material) -> None:
+        """Refuse a fine material whose coarse one can't be stepped or, ``strict``, that is beyond the card.
+
+        Raises:
+            ValueError: says what to change.
+        """
+        if self._strict and self._card is not None and (why := self._card.material_beyond(material)):
+            raise ValueError(f"strict=True: {why}: leave strict out, or narrow the material")
+        super().check_material(material)
+
+    def reset(
+        self, state: State, materials: Sequence[Material] | None = None, which: Sequence[int] | None = None
+    ) -> None:
+        """Start from ``state``; see ``Backend.reset``."""
+        super().reset(state, materials, which)
+        chosen = [self.scene.material] * state.batch if materials is None else materials
+        for i, material in zip(range(state.batch) if which is None else which, chosen, strict=True):
+            why = self._why or (self._card.material_beyond(material) if self._card is not None else "")
+            self._told[i] = f"{self.scaling}, {self.upscaler}: {why}" if why else ""

@@ -1,45 +1,47 @@
-"""What a miniature is made of by default: what is shipped, on grids like those that it was fitted and trained on."""
+"""What a miniature is made of by default: closure and network where their card holds, else what is plainer."""
 
 from typing import NamedTuple
 
-import numpy as np
-
-from cloth_envs.grid import Grid
-from cloth_envs.registry import load_task
+from cloth_envs.registry import SCENES
 from cloth_envs.scene import Scene
 from surrogates.checkpoint import of_factor
+from surrogates.miniature.card import Card
 from surrogates.miniature.closure import card
 from surrogates.miniature.coarse import coarse_grid
 from surrogates.upscale.local import weights_name
 
-OBLONG = 1.5
 LEAST = 6  # coarse cells along a side
 
 
 class Choice(NamedTuple):
-    """``scaling`` and ``upscaler`` by name, and of how many cells along a side ``least`` are kept."""
+    """``scaling`` and ``upscaler`` by name, of how many cells along a side ``least`` are kept, and ``why`` if plain."""
 
     scaling: str = "similar"
     upscaler: str = "bicubic"
     least: int = 2
+    why: str = ""
+
+
+def closure_card(scene: str, factor: int) -> Card | None:
+    """What the closure of a scene was fitted on; None if there is none."""
+    entry = card("closure")["scenes"].get(scene, {}).get(str(factor)) if scene in SCENES else None
+    return None if entry is None else Card.read(scene, entry["fitted on"])
 
 
 def choose(scene: Scene, factor: int) -> Choice:
-    """``"closure"`` and ``"local"`` where both are shipped for the scene, else ``"similar"`` and ``"bicubic"``.
+    """``"closure"`` and ``"local"`` within their card, else what is plainer.
 
-    A cloth would tear with the former on grids unlike those of training: with fewer than half the cells of the scene's
-    own along a side, or with cells over ``OBLONG`` times longer than wide. It is interpolated linearly there, from at
-    least ``LEAST`` cells along each side; one that has no more is not coarsened.
+    On another scene or cloth that is ``"similar"`` and ``"bicubic"``. On grids unlike those of training a cloth would
+    tear with the network: it is interpolated linearly there, from at least ``LEAST`` coarse cells along each side, and
+    one that has no more is not coarsened.
     """
-    if scene.name not in card("closure")["scenes"] or not of_factor(weights_name("local", scene.name), factor):
-        return Choice()
-    fine, own = scene.grid, load_task(scene.name).resolution
-    small = any(2 * cells < usual - 1 for cells, usual in zip(fine.cells, own, strict=True))
-    if not small and not _oblong(fine) and not _oblong(coarse_grid(fine, factor)):
-        return Choice("closure", "local")
-    return Choice("similar" if coarse_grid(fine, factor, LEAST) == fine else "closure", "bilinear", LEAST)
-
-
-def _oblong(grid: Grid) -> bool:
-    """Whether cells are much longer than wide, or wider than long."""
-    return bool(abs(np.log(grid.row_spacing / grid.col_spacing)) > np.log(OBLONG))
+    fitted = closure_card(scene.name, factor)
+    if fitted is None or not of_factor(weights_name("local", scene.name), factor):
+        return Choice(why=f"no closure of {scene.name} at factor {factor}")
+    other = fitted.scene_beyond(scene) or fitted.material_beyond(scene.material)
+    coarse = coarse_grid(scene.grid, factor)
+    grid = fitted.grid_beyond(scene.grid) or fitted.shape_beyond(coarse)
+    if not grid:
+        return Choice("similar", "bicubic", why=other) if other else Choice("closure", "local")
+    whole = coarse_grid(scene.grid, factor, LEAST) == scene.grid
+    return Choice("similar" if other or whole else "closure", "bilinear", LEAST, other or grid)

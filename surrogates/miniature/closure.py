@@ -27,12 +27,14 @@ def card(scaling: str = "calibrated") -> dict[str, Any]:
 
 
 def load_factors(scene: str, factor: float, scaling: str = "calibrated") -> dict[str, float]:
-    """Material property -> multiplier for a scene at 1/``factor`` of its resolution.
+    """Material property -> multiplier for a scene at 1/``factor`` of its resolution; a rule's are those of any.
 
     Raises:
         ValueError: no calibration of this scene; says which there are.
     """
     scenes = card(scaling)["scenes"]
+    if scaling == "rule":  # two numbers for all scenes
+        scene, factor = next((name, int(key)) for name, fits in scenes.items() for key in fits)
     if scene not in scenes:
         raise ValueError(
             f"no {scaling} factors for scene {scene!r}, only for {', '.join(scenes)}: "
@@ -48,7 +50,7 @@ def miniature_material(material: Material, factor: float, scaling: str, factors:
     are the fine cloth's, external forces are divided by ``s``. Enlarged ``s`` times it is a coarse sheet of
     the same density. ``"seed"`` (Lee et al. 2019) keeps the spring constants: enlarged, the sheet is ``s^2``
     times too stiff in stretch and shear and ``s^4`` times in bending. ``"similar"`` divides them by that, which
-    leaves the material itself. ``"calibrated"`` and ``"closure"`` multiply its properties by fitted ``factors``.
+    leaves the material itself. The others multiply its properties by fitted ``factors``.
     """
     if scaling == "seed":
         return material.with_changes(

@@ -15,6 +15,7 @@ from cloth_envs.physics.solver import reference
 from cloth_envs.resample import on_grid
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
+from surrogates.miniature.card import Card
 from surrogates.miniature.closure import SCALINGS, load_factors, miniature_material
 from surrogates.miniature.correction import Correction
 from surrogates.miniature.handles import Handles
@@ -66,6 +67,7 @@ class CoarsePhysics:
         fine: the scene at full resolution. num_envs: members of the batch.
         factor, least: how many times fewer cells along each side, above 1, and how many are kept: ``coarse_grid``.
         scaling, factors: of the sheet's material, see ``closure``.
+        card: where the factors hold; cloths of a material beyond it keep their own.
         solver, options: of the coarse cloth, as for ``backend="reference"``.
 
     Attributes:
@@ -87,6 +89,7 @@ class CoarsePhysics:
         least: int = 2,
         scaling: str = "similar",
         factors: Mapping[str, float] | None = None,
+        card: Card | None = None,
         solver: str = "explicit",
         options: Mapping[str, Any] | None = None,
     ) -> None:
@@ -94,9 +97,12 @@ class CoarsePhysics:
         one_of("scaling", scaling, SCALINGS)
         if scaling in ("similar", "seed"):
             if factors is not None:
-                raise ValueError(f'factors need scaling="calibrated" or "closure", got scaling={scaling!r}')
+                raise ValueError(
+                    f'factors need scaling="calibrated" or another that is fitted, got scaling={scaling!r}'
+                )
             factors = {}
         self._factors = load_factors(fine.name, factor, scaling) if factors is None else _numbers(factors)
+        self._card = card
         self.scene, self.handles = coarse_scene(fine, factor, self.material(fine.material), least)
         # A coarse grid's own errors are larger than the air's; one that is not coarser is stepped as the reference.
         coarser = self.scene.grid != fine.grid and fine.particles is None
@@ -108,7 +114,8 @@ class CoarsePhysics:
 
     def material(self, fine: Material) -> Material:
         """What a cloth of material ``fine`` is made of on the coarse grid."""
-        return miniature_material(fine, self.factor, self.scaling, self._factors)
+        beyond = self._card is not None and self._card.material_beyond(fine)
+        return miniature_material(fine, self.factor, self.scaling, {} if beyond else self._factors)
 
     def check_material(self, fine: Material) -> None:
         """Refuse a fine material whose coarse one the solver can't step. Raises ValueError: says what to change."""

@@ -1,0 +1,102 @@
+"""Where a closure holds: the scene and cloth that it was fitted on, and how far from them it was measured to be good.
+
+Cloths are compared by numbers without a unit (``numbers``), so that a larger sheet of a stiffer material may count as
+the same. ``RANGES`` and ``CELLS`` are how far these and the grid may lie from those of the fit: within them closure and
+network are nearer to the reference than the ``"similar"`` cloth (``minicloth bench outside``).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+from cloth_envs.registry import load_task
+from cloth_envs.scene import Scene
+
+# number -> least and most of it over the fitted cloth's; of drag, which that has none of, the number itself.
+RANGES: dict[str, tuple[float, float]] = {
+    "stretch by its own weight": (0.2, 5.0),
+    "shear stiffness over stretch stiffness": (0.2, 5.0),
+    "bend stiffness over weight": (0.0, 10.0),
+    "damping time over that of a wave": (0.0, 5.0),
+    "drag over the time of a fall": (0.0, 1.0),
+    "weight of the cloth over the air's": (0.2, 5.0),
+}
+CELLS = (0.49, 2.05)  # cells along a side over those of the fit's grid
+OBLONG = 1.5  # how many times longer than wide cells may be
+LAW = ("compression", "buckling_strain", "post_buckling", "compression_damping")
+
+
+def numbers(scene: Scene, material: Material) -> dict[str, float]:
+    """What decides how a cloth of ``material`` moves in ``scene``, by the names of ``RANGES``."""
+    height, weight = scene.grid.height, material.areal_density * scene.gravity
+    wave = height * np.sqrt(material.areal_density / material.stretch_stiffness)
+    return {
+        "stretch by its own weight": weight * height / material.stretch_stiffness,
+        "shear stiffness over stretch stiffness": material.shear_stiffness / material.stretch_stiffness,
+        "bend stiffness over weight": material.bend_stiffness / (weight * height**3),
+        "damping time over that of a wave": material.damping / wave,
+        "drag over the time of a fall": material.drag * np.sqrt(height / scene.gravity),
+        "weight of the cloth over the air's": material.areal_density / height,
+    }
+
+
+@dataclass(frozen=True)
+class Card:
+    """What a scene's closure was fitted on: ``scene``, of its task's own grid and material."""
+
+    scene: Scene
+
+    @classmethod
+    @cache
+    def of(cls, name: str, resolution: tuple[int, int], material: tuple[float, ...]) -> "Card":
+        """From what is stored: the scene's name, the grid's vertices and the properties of the material."""
+        return cls(load_task(name).make_scene(resolution=resolution, material=Material(*material)))
+
+    @classmethod
+    def read(cls, name: str, entry: Mapping[str, Any]) -> "Card":
+        """From what the file says of a scene at a grid factor, ``"fitted on"``."""
+        return cls.of(name, tuple(entry["resolution"]), tuple(Material(**entry["material"]).as_dict().values()))
+
+    def beyond(self, scene: Scene) -> str:
+        """Why closure and network do not hold in ``scene``; empty if they do."""
+        return self.scene_beyond(scene) or self.material_beyond(scene.material) or self.grid_beyond(scene.grid)
+
+    def scene_beyond(self, scene: Scene) -> str:
+        """Why the closure was not fitted on ``scene``, whatever its material; empty if it was."""
+        alike = replace(load_task(scene.name).make_scene(resolution=scene.grid.shape, material=scene.material),
+                        self_contact=scene.self_contact)  # fmt: skip
+        other = [field.name for field in fields(Scene) if getattr(scene, field.name) != getattr(alike, field.name)]
+        if other:
+            return f"another scene than the one of its fit: {', '.join(other)}"
+        return ""
+
+    def grid_beyond(self, grid: Grid) -> str:
+        """Why the network was not trained for ``grid``: fewer or more cells, or oblong ones; empty if it was."""
+        for what, mine, fitted in zip(("down", "across"), grid.cells, self.scene.grid.cells, strict=True):
+            if not CELLS[0] <= mine / fitted <= CELLS[1]:
+                return f"{mine} cells {what}, fitted on {fitted}"
+        return self.shape_beyond(grid)
+
+    def shape_beyond(self, grid: Grid) -> str:
+        """The same of the shape of its cells alone."""
+        oblong = max(grid.row_spacing / grid.col_spacing, grid.col_spacing / grid.row_spacing)
+        return f"cells {oblong:.2g} times longer than wide, fitted up to {OBLONG:g}" if oblong > OBLONG else ""
+
+    def material_beyond(self, material: Material) -> str:
+        """Why the closure does not hold for a cloth of ``material``; empty if it does."""
+        fitted = self.scene.material
+        for name in LAW:
+            if getattr(material, name) != getattr(fitted, name):
+                return f"{name} {getattr(material, name):g}, fitted on {getattr(fitted, name):g}"
+        base = numbers(self.scene, fitted)
+        for name, value in numbers(self.scene, material).items():
+            ratio = value / base[name] if base[name] else value
+            low, high = RANGES[name]
+            if not low <= ratio <= high:
+                return f"{name} {ratio:.3g} times that of the fit, measured from {low:g} to {high:g}"
+        return ""
