@@ -41,6 +41,7 @@ PRESETS: dict[str, dict[str, str]] = {
 # name -> what makes a Backend, or "module:class or function", resolved on use. Installed packages add theirs under
 # GROUP, anybody by register_backend.
 BACKENDS: dict[str, BackendFactory | str] = {
+    "auto": "surrogates.auto.backend:AutoBackend",
     "cnn": "surrogates.cell.backend:cnn",
     "reference": "cloth_envs.physics.solver:reference",
     "miniature": "surrogates.miniature.backend:MiniatureBackend",

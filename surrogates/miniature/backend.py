@@ -25,9 +25,9 @@ class MiniatureBackend(Upscaled):
         factor: 2, 3 or 4, how many times fewer cells along each side.
         scaling: ``"similar"`` (the sheet's own material), ``"seed"`` (the paper's spring constants, ``factor^2``
             times too stiff), ``"calibrated"`` (factors fitted per scene), ``"closure"`` (those and a law of springs
-            in compression, fitted too), ``"rule"`` (two of these factors, the same for all scenes). With neither this nor
-            an upscaler given, ``"closure"`` and ``"local"`` where their card holds (``card``), else what is plainer
-            (``choice``): ``surrogate`` tells. If only one is given, ``"similar"`` and ``"bicubic"``.
+            in compression, fitted too), ``"rule"`` (two of the factors, the same for all scenes). With neither this
+            nor an upscaler given, ``"closure"`` and ``"local"`` where their card holds (``card``), else what is
+            plainer (``choice``): ``surrogate`` tells. If only one is given, ``"similar"`` and ``"bicubic"``.
         factors: of a calibration of your own, ``{material property: multiplier}``, instead of the shipped ones.
         upscaler: an interpolation, ``"bilinear"``, ``"biquadratic"`` or ``"bicubic"``, a network by name, or
             ``"module:Class"``.

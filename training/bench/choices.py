@@ -1,0 +1,170 @@
+"""``minicloth bench choices``: the table by which ``backend="auto"`` chooses, and whether its choices hold.
+
+Every candidate restarts from the reference and is held against it after 1, 5, 10 and 25 frames, under the actions of
+the table and, of other seeds, of kinds that are not in it. ``--table FOLDER`` writes ``auto.json`` from the rows.
+"""
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cloth_envs.files import write_text
+from cloth_envs.progress import progress
+from cloth_envs.registry import load_task
+from surrogates.auto.table import HORIZONS, MARGIN, Option
+from training.bench.benchmark import Benchmark, Part, RowFile, Session
+from training.bench.clock import CostRow, costs
+from training.bench.measure import Windows, failed_by, follow, gather
+from training.bench.participants import CHOICES, Participant, extra, label, truth
+from training.metrics.errors import vertex_error
+from training.rows import rounded
+from training.truth import Case
+
+STEM, COST = "choices", "choices_cost"
+# What the table is made of, and what it is checked on: policies, and the seeds of each.
+SPLITS: dict[str, dict[str, Sequence[int]]] = {
+    "table": {policy: range(1100, 1104) for policy in ("smooth", "random", "bang-bang")},
+    "held out": {policy: range(1200, 1204) for policy in ("smooth", "alternating", "zero")},
+}
+STARTS = (10, 45, 80, 115)  # frames of an episode, at which windows begin
+TOLERANCES = (0.3, 1.0, 3.0)  # % of the length
+FLOOR = truth("plain")
+
+
+@dataclass(frozen=True)
+class ChoiceRow:
+    """Errors of a candidate, ``frames`` after it was restarted from the reference [% of the cloth's length].
+
+    ``median``, ``q95`` and ``largest`` are of all windows of a policy; ``within`` are the shares of the windows within
+    the TOLERANCES, as JSON. Failed windows have an infinite error.
+    """
+
+    scene: str
+    family: str
+    options: str
+    split: str
+    policy: str
+    frames: int
+    windows: int
+    median: float
+    q95: float
+    largest: float
+    within: str
+
+
+def errors(one: Participant, windows: Windows, split: str, policy: str) -> list[ChoiceRow]:
+    """A row for each horizon."""
+    found, rows = follow(one, windows), []
+    for frames in HORIZONS:
+        gone = np.array([failed_by(reason, frames) for reason in found.failures])
+        values = np.full(len(gone), np.inf)
+        if not gone.all():
+            mine, true = found.states[frames].positions, windows.truth[frames].positions
+            values[~gone] = vertex_error(mine[~gone], true[~gone], windows.scene.grid.length).mean
+        within = json.dumps([round(float((values <= most).mean()), 3) for most in TOLERANCES])
+        middle, high, largest = (float(v) for v in np.quantile(values, (0.5, 0.95, 1), method="higher"))
+        name = windows.scene.name, one.family, one.text, split, policy, frames, len(values)
+        rows.append(rounded(ChoiceRow(*name, middle, high, largest, within)))
+    return rows
+
+
+def measure(session: Session) -> None:
+    """Every scene, policy and candidate that is missing."""
+    store, prices = session.store(STEM), session.store(COST)
+    everyone = [*CHOICES, FLOOR, *extra(session.given.backend)]
+    for scene in progress(session.scenes, STEM, unit="scene"):
+        for split, policies in SPLITS.items():
+            for policy, seeds in policies.items():
+                todo = [p for p in everyone if (scene, p.family, p.text, split, policy, HORIZONS[0]) not in store]
+                if not todo:
+                    continue
+                cases = [Case(scene, s, truth="plain", actions=policy) for s in seeds[: 1 if session.quick else None]]
+                starts = STARTS[: 1 if session.quick else None]
+                keep = [start + frame for start in starts for frame in range(HORIZONS[-1] + 1)]
+                windows = gather(cases, starts, HORIZONS[-1], keep, session.cache("truth"))
+                for one in todo:
+                    for row in errors(one, windows, split, policy):
+                        store.add(row)
+                timed = [p for p in everyone[:-1] if (scene, p.family, p.text) not in prices]
+                if timed and policy == "bang-bang":
+                    for cost in costs([*CHOICES, *extra(session.given.backend)], windows, runs=3 if session.quick else 9):
+                        prices.add(cost)
+    if session.given.table:
+        write_table(session)
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    """Where the table goes."""
+    parser.add_argument("--table", type=Path, help="folder for auto.json, the table made of the rows")
+
+
+def table(rows: Sequence[ChoiceRow], prices: Sequence[CostRow]) -> dict[str, Any]:
+    """By scene, what ``surrogates.auto`` reads: time, and the errors of the worst policy of the table."""
+    found: dict[str, Any] = {}
+    for price in prices:
+        mine = [r for r in rows if (r.scene, r.family, r.options, r.split) == (*_of(price), "table")]
+        task = load_task(price.scene)
+        entry = found.setdefault(price.scene, {
+            "measured on": {"resolution": task.resolution, "material": task.material.as_dict()},
+            "floor": _worst([r for r in rows if (r.scene, r.family, r.split) == (price.scene, FLOOR.family, "table")]),
+            "backends": [],
+        })  # fmt: skip
+        one = next(p for p in CHOICES if (p.family, p.text) == (price.family, price.options))
+        entry["backends"].append({
+            "backend": one.backend, "options": one.whole, "ms": price.ms_median, "error": _worst(mine),
+        })  # fmt: skip
+    return found
+
+
+def _of(price: CostRow) -> tuple[str, str, str]:
+    return price.scene, price.family, price.options
+
+
+def _worst(rows: Sequence[ChoiceRow]) -> dict[str, float]:
+    return {str(h): max(r.q95 for r in rows if r.frames == h) for h in HORIZONS}
+
+
+def write_table(session: Session) -> None:
+    """``auto.json`` of all rows."""
+    found = table(session.store(STEM).rows, session.store(COST).rows)
+    about = {**session.about, "errors": "95 % of the windows, worst kind of action [% of the cloth's length]"}
+    write_text(session.given.table / "auto.json", json.dumps({"scenes": found, "about": about}, indent=1) + "\n")
+
+
+def checked(rows: Sequence[ChoiceRow], prices: Sequence[CostRow]) -> str:
+    """What would be chosen by the table for every tolerance, and how many held-out windows it holds."""
+    lines = [f"{'scene':10s} {'frames':>6s} {'tolerance':>9s}  {'chosen':32s} {'ms':>6s} {'faster':>7s} {'held out within':>16s}"]
+    for scene, entry in table(rows, prices).items():
+        known = sorted((Option(o["backend"], o["options"], o["ms"], o["error"]) for o in entry["backends"]), key=lambda o: o.ms)
+        usual = next(p.ms_median for p in prices if (p.scene, p.family) == (scene, "explicit"))
+        for h in (5, 25):
+            for k, most in enumerate(TOLERANCES):
+                at, held = f"{scene:10s} {h:6d} {most:9g}  ", [o for o in known if o.errors[str(h)] * MARGIN <= most]
+                if most < entry["floor"][str(h)]:
+                    lines.append(f"{at}below the chaos floor of {entry['floor'][str(h)]:.2g} %")
+                    continue
+                chosen = held[0] if held else Option("reference", {}, usual, {})
+                one = next((p for p in CHOICES if (p.backend, p.whole) == (chosen.backend, dict(chosen.options))), CHOICES[0])
+                mine = [r for r in rows if (r.scene, r.family, r.options, r.split, r.frames) == (scene, one.family, one.text, "held out", h)]
+                share = np.average([json.loads(r.within)[k] for r in mine], weights=[r.windows for r in mine]) if mine else np.nan
+                name = label(one.family, one.text)
+                lines.append(f"{at}{name:32s} {chosen.ms:6.2f} {usual / chosen.ms:6.1f}x {100 * share:14.1f} %")
+    return "\n".join(lines)
+
+
+BENCHMARK = Benchmark(
+    name=STEM,
+    about="Which backend is the cheapest that holds a tolerance, and whether it does under other actions.",
+    files={
+        STEM: RowFile(ChoiceRow, ("scene", "family", "options", "split", "policy", "frames")),
+        COST: RowFile(CostRow, ("scene", "family", "options")),
+    },
+    parts=[Part("What auto chooses, and the held-out windows within the tolerance", (STEM, COST), checked)],
+    measure=measure,
+    options=options,
+)
