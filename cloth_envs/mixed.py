@@ -81,7 +81,7 @@ class MixedBackend:
             at = np.flatnonzero(np.isin(chosen, members))  # in ``state``
             if not at.size:
                 continue
-            own = None if materials is None else [materials[i] for i in at]
+            own = None if materials is None else [materials[i] for i in at.tolist()]
             inside = None if which is None else np.searchsorted(members, chosen[at]).tolist()
             backend.reset(state.select(at), own, inside)
         self._join()
@@ -128,7 +128,7 @@ class MixedBackend:
 
     def _told(self, name: str, kind: type) -> np.ndarray:
         """What the parts tell of their members, ``(B,)``; 0 of those that tell nothing."""
-        told = np.zeros(self.num_envs, kind)
+        told: np.ndarray = np.zeros(self.num_envs, kind)
         for members, backend in self.parts:
             told[members] = getattr(backend, name, 0)
         return told

@@ -111,8 +111,8 @@ class World:
         """The backend that is chosen for some members, and the choice with what a preset adds to it.
 
         Raises:
-            ValueError, ImportError: see ``check_backend_kwargs`` and ``make_backend``; self-contact is asked for that it
-                does not have. The members are named where others have another backend.
+            ValueError, ImportError: see ``check_backend_kwargs`` and ``make_backend``; self-contact is asked for which
+                it does not have. The members are named where others have another backend.
         """
         name, options, members = choice.name, choice.options, choice.members
         if name == "reference" and isinstance(options, Mapping) and "solver" not in options:
