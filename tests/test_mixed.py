@@ -71,6 +71,15 @@ def test_equal_seeds_are_equal_starts_in_equal_spaces(scene: str) -> None:
     assert env.observation_space.contains(found)
 
 
+def test_a_pair_stays_a_pair_over_resets() -> None:
+    env = many(["miniature", "reference"], "BallDrop", max_episode_steps=3)
+    first, _ = env.reset(seed=[7, 7])
+    for _ in range(4):
+        again = env.step(np.zeros(env.action_space.shape, np.float32))[0]
+    assert np.array_equal(again[0], again[1])
+    assert not np.array_equal(again[0], first[0])
+
+
 def test_geometry_images_too() -> None:
     env = many(obs="mesh")
     env.reset(seed=1)
@@ -155,7 +164,7 @@ def test_the_scene_lists_self_contact_that_all_model() -> None:
 
 
 def test_materials_are_those_that_all_can_step() -> None:
-    with pytest.raises(ValueError, match="randomize allows .*compression.*AdmmSolver"):
+    with pytest.raises(ValueError, match=r"randomize allows .*compression.*AdmmSolver"):
         many(["reference"] * 2, backend_kwargs=[{}, {"solver": "admm"}], randomize={"compression": (0.1, 1)})
 
 
