@@ -63,8 +63,8 @@ def spans(members: Sequence[int]) -> str:
 
 
 def _equal(one: object, other: object) -> bool:
-    """Whether they are equal; no, where NumPy can't tell."""
+    """Whether they are equal; no, where they hold arrays or tensors that can't tell."""
     try:
         return bool(one == other)
-    except ValueError:
+    except (ValueError, RuntimeError):
         return False

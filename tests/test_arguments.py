@@ -80,6 +80,10 @@ MISTAKES: dict[str, tuple[Callable[[], object], list[str]]] = {
     "backends misspelt": (lambda: many(backend=["refernce", "cnn", "cnn"]), ["mean 'reference'"]),
     "backends by name": (lambda: many(backend={"cnn": 3}), ["backend must be a name", "a list"]),
     "backend of a member": (lambda: many(backend=["cnn", "cnn", 3]), ["backend must be a name", "got 3"]),
+    "factor of some": (
+        lambda: many(backend=["reference", "miniature", "miniature"], factor=4),
+        ["write a list as backend_kwargs, with {'factor': 4} for each member of backend 'miniature'"],
+    ),
     "kwargs of another": (
         lambda: many(backend=["miniature", "reference", "reference"], backend_kwargs={"factor": 4}),
         ["members 1-2: unknown keyword", "'factor'", "a list, with a dict for each member"],

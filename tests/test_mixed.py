@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import cloth_envs
+from cloth_envs.choice import choices
 from cloth_envs.mixed import MixedBackend
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.state import LazyState
@@ -54,6 +55,13 @@ def test_equal_choices_share_a_batch() -> None:
     by_options = many("miniature", backend_kwargs=[{"factor": 2}] * 3 + [{"factor": 4}])  # a name is for all
     assert [members for members, _ in parts(by_options)] == [[0, 1, 2], [3]]
     assert many(physics=MIXED, backend=None).unwrapped.backends == tuple(MIXED)
+
+
+@pytest.mark.parametrize("library", ["numpy", "torch"])
+def test_arrays_are_equal_to_themselves_only(library: str) -> None:
+    ones = pytest.importorskip(library).ones
+    own = {"table": ones(3)}
+    assert [choice.members for choice in choices("mine", [own, {"table": ones(3)}, own], 3)] == [[0, 2], [1]]
 
 
 @pytest.mark.parametrize("scene", list(cloth_envs.SCENES))
