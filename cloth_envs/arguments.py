@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cloth_envs.naming import unknown_name
+from cloth_envs.naming import counted, unknown_name
 
 FLOATS = ("float32", "float64")
 
@@ -43,6 +43,23 @@ def as_items(value: Any) -> list[Any] | None:
     if isinstance(value, np.ndarray):
         return value.tolist() if value.ndim == 1 else None
     return list(value) if isinstance(value, Sequence) and not isinstance(value, (str, bytes)) else None
+
+
+def per_member(name: str, value: Any, count: int) -> list[Any]:
+    """What ``value`` says of each of ``count`` environments: a list has one entry for each, all else is for all.
+
+    Raises:
+        ValueError: a list of another length.
+    """
+    items = as_items(value)
+    if items is None:
+        return [value] * count
+    if len(items) != count:
+        raise ValueError(
+            f"{name} lists {len(items)} for {counted(count, 'environment')}: give one entry for each, or write "
+            f"gymnasium.make_vec(id, num_envs={len(items)}, ...)"
+        )
+    return items
 
 
 def as_plain(value: Any) -> Any:

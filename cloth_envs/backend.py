@@ -98,7 +98,7 @@ def plain_words(options: Mapping[str, Any]) -> dict[str, Any]:
     for name, word in (("backend", "physics"), ("backend_kwargs", "physics_kwargs")):
         value = plain.pop(word, None)
         if value is not None:
-            if (plain.get(name) or value) != value:
+            if plain.get(name) and plain[name] != value:
                 raise ValueError(f"{word}= is another word for {name}=: give one of {plain[name]!r} and {value!r}")
             plain[name] = value
     return plain

@@ -6,6 +6,7 @@ from contextlib import suppress
 from inspect import Parameter, signature
 from typing import Any
 
+from cloth_envs.arguments import as_items
 from cloth_envs.backend import keywords
 from cloth_envs.naming import resolve, unknown_name
 from cloth_envs.physics.solver import SOLVERS, reference
@@ -26,7 +27,9 @@ Options = Mapping[str, Any]
 
 
 def as_arguments(backend: str, options: Options, chosen: object) -> str:
-    """A physics as arguments of ``gymnasium.make``, in which ``chosen`` is the backend already."""
+    """A physics as arguments of ``gymnasium.make``, in which ``chosen`` is the backend already, or a list of them."""
+    if as_items(chosen) is not None:
+        return f"a list as backend_kwargs, with {dict(options)!r} for each member of backend {backend!r}"
     return ("" if backend == chosen else f"backend={backend!r}, ") + f"backend_kwargs={dict(options)!r}"
 
 
@@ -38,9 +41,12 @@ def as_option(backend: str, options: Options) -> str:
 def find_home(
     word: str, value: object, backend: object, given: Options, solvers: Mapping[str, str] = SOLVERS
 ) -> tuple[str, dict[str, Any]] | None:
-    """The backend and its options with which ``word`` is taken, near to the chosen ones; None if nothing takes it."""
-    names = [backend, *BACKENDS] if isinstance(backend, str) else list(BACKENDS)
-    for name in dict.fromkeys(names):
+    """The backend and its options with which ``word`` is taken, near to the chosen ones; None if nothing takes it.
+
+    ``backend`` is what was chosen: a name, or a list of them.
+    """
+    chosen = [name for name in as_items(backend) or [backend] if isinstance(name, str)]
+    for name in dict.fromkeys([*chosen, *BACKENDS]):
         with suppress(ValueError, ImportError):  # a backend of somebody else's that can't be loaded says so when chosen
             for options in _homes(word, value, keywords(load_backend(name)), given, solvers):
                 return name, options

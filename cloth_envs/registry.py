@@ -95,7 +95,10 @@ def load_backend(name: str) -> BackendFactory:
         ImportError: a module that can't be imported; of an installed package that is named.
     """
     if not isinstance(name, str):
-        raise ValueError(f"backend must be a name or 'module:Class', got {name!r}: register_backend names a class")
+        raise ValueError(
+            f"backend must be a name or 'module:Class', or of make_vec a list of them, got {name!r}: register_backend "
+            "names a class"
+        )
     known = BACKENDS.get(name, name if ":" in name else None)
     factory = _installed(name) if known is None else resolve(known) if isinstance(known, str) else known
     _check_factory(name, factory)

@@ -172,6 +172,10 @@ class Controls:
         batch, handles = self.handle_positions.shape[:2]
         return f"<Controls of {batch}, {handles} handles, {self.colliders.shape[1]} bodies>"
 
+    def select(self, which: np.ndarray | slice | list[int]) -> "Controls":
+        """A copy of some members of the batch."""
+        return Controls(**{field.name: getattr(self, field.name)[which].copy() for field in fields(self)})
+
     @classmethod
     def hold(cls, state: State, handles: tuple[int, ...]) -> "Controls":
         """Controls that bring every handle and body to rest where it is now, with no wind or pressure."""

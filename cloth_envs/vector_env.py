@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from gymnasium.vector.utils import batch_space
 from cloth_envs import folds
 from cloth_envs.arguments import as_whole, check_mask, check_reset_options, check_seeds, one_of, whole_number
 from cloth_envs.backend import keywords, plain_words
+from cloth_envs.choice import Choice, as_lists, choices
 from cloth_envs.naming import counted
 from cloth_envs.observation import member
 from cloth_envs.options import check_options
@@ -33,7 +35,10 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         num_envs: members.
         max_episode_steps: frames until truncation; None or -1 for no limit.
         autoreset_mode: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"`` (or Gymnasium's ``AutoresetMode``).
-        The others are those of ``ClothEnv``; a backend that takes ``threads`` gets as many as processors are at hand.
+        backend, backend_kwargs: as of ``ClothEnv``, or a list with one for each member, such as
+            ``["miniature"] * 31 + ["reference"]`` and ``[{"factor": 4}] * 31 + [{}]``. A backend that takes ``threads``
+            gets as many as processors are at hand.
+        The others are those of ``ClothEnv``.
 
     Raises:
         ValueError: a bad argument; says what to write instead.
@@ -60,9 +65,8 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         threads = min(
             num_envs, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         )
-        given: Any = {} if options.get("backend_kwargs") is None else options["backend_kwargs"]
-        if isinstance(given, dict) and "threads" in keywords(load_backend(options.get("backend", "reference"))):
-            options["backend_kwargs"] = {"threads": threads, **given}
+        chosen = choices(options.get("backend", "reference"), options.get("backend_kwargs"), num_envs)
+        options |= as_lists([_threaded(choice, threads) for choice in chosen])
         self.world = World(scene, num_envs=num_envs, **options)
         if options.get("resolution") is not None:
             folds.warn_coarse(self.world.scene)
@@ -84,8 +88,13 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
 
     @property
     def scene(self) -> Scene:
-        """The frozen ``Scene``."""
+        """The frozen ``Scene``; it lists self-contact where all members' backends model it."""
         return self.world.scene
+
+    @property
+    def backends(self) -> tuple[str, ...]:
+        """The backend's name of every member."""
+        return self.world.backends
 
     @property
     def state(self) -> State:
@@ -168,6 +177,13 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         ended = check_array("ended", state["ended"], self._ended.shape, "b")
         self.world.set_state({name: value for name, value in state.items() if name != "ended"})
         self._ended = ended
+
+
+def _threaded(choice: Choice, threads: int) -> Choice:
+    """``choice`` with ``threads``, where the backend takes them and none are given."""
+    if isinstance(choice.options, Mapping) and "threads" in keywords(load_backend(choice.name)):
+        return replace(choice, options={"threads": threads, **choice.options})
+    return choice
 
 
 def _told(name: str, which: np.ndarray) -> dict[str, np.ndarray]:

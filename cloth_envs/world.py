@@ -1,6 +1,5 @@
 """The batched engine behind the single and the vector environment."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
@@ -9,17 +8,19 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from cloth_envs.arguments import as_plain, read_actions, true_or_false
+from cloth_envs.arguments import read_actions, true_or_false
+from cloth_envs.backend import Backend
+from cloth_envs.choice import Choice, as_lists, choices
 from cloth_envs.failure import Failures
 from cloth_envs.grid import check_resolution
 from cloth_envs.material import Material, as_material, check_ranges, warn_unusual
+from cloth_envs.mixed import MixedBackend
 from cloth_envs.naming import counted
 from cloth_envs.observation import Observer
 from cloth_envs.physics.solver import solvers_of
 from cloth_envs.places import check_backend_kwargs
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import BACKENDS, load_task, make_backend, register_backend
-from cloth_envs.scene import Scene
 from cloth_envs.scenes.drives import clip_actions, tick
 from cloth_envs.scenes.task import Episode, Start, Task
 from cloth_envs.snapshot import Snapshot, check_array
@@ -27,12 +28,13 @@ from cloth_envs.state import Controls, State
 
 
 class World:
-    """``num_envs`` episodes of one scene on one backend.
+    """``num_envs`` episodes of one scene, on one backend or, where ``backend`` is a list, on one for each.
 
     ``scene`` is a name, or a task's class, which is taken as it is: of ``preset`` only the solver counts then.
 
     Attributes:
-        scene: what is modelled: as the task lists it, without self-contact where the backend has none.
+        scene: what is modelled: as the task lists it, without self-contact where a backend has none.
+        backends: the backend's name of every member.
         observer: what an agent observes.
         controls: what the last ``step`` gave to the backend; None before the first.
         rewards: what it returned, ``(B,)``.
@@ -49,8 +51,8 @@ class World:
         scene: str | type[Task],
         *,
         num_envs: int = 1,
-        backend: str = "reference",
-        backend_kwargs: Mapping[str, Any] | None = None,
+        backend: str | Sequence[str] = "reference",
+        backend_kwargs: Mapping[str, Any] | Sequence[Mapping[str, Any] | None] | None = None,
         obs: str = "keypoints",
         material: str | Mapping[str, float] | Material | None = None,
         randomize: Mapping[str, Sequence[float]] | None = None,
@@ -63,7 +65,7 @@ class World:
             "material": material, "randomize": randomize, "resolution": resolution, "preset": preset,
             "self_contact": self_contact,
         }  # fmt: skip
-        self.ranges = check_ranges(randomize)
+        self.num_envs, self.ranges = num_envs, check_ranges(randomize)
         if not isinstance(scene, str):
             task_class = scene
         else:
@@ -76,19 +78,21 @@ class World:
         shape = check_resolution(resolution, task_class.resolution)
         wanted = None if self_contact is None else true_or_false("self_contact", self_contact)
         self._listed = task_class.make_scene(resolution=shape, material=base).with_self_contact(wanted)
-        chosen = as_plain({} if backend_kwargs is None else backend_kwargs)
-        if backend == "reference" and isinstance(chosen, Mapping) and "solver" not in chosen:
-            chosen = {**solver_of(preset), **chosen}
-        check_backend_kwargs(backend, chosen, solvers=solvers_of(self._listed), beside=self._arguments)
-        self.backend = make_backend(backend, self._listed, num_envs=num_envs, backend_kwargs=chosen)
-        own = {name: value for name, value in chosen.items() if name != "threads"}
-        self._physics = f"{backend} {json.dumps(own, sort_keys=True, default=repr)}"
-        self.scene = self._modelled(wanted)
+        parts = [self._built(choice) for choice in choices(backend, backend_kwargs, num_envs)]
+        chosen = [choice for choice, _ in parts]
+        self.backends = tuple(as_lists(chosen)["backend"])
+        self.backend: Backend = parts[0][1]
+        self._physics, who = chosen[0].line, chosen[0].name
+        if len(parts) > 1:
+            self.backend = MixedBackend(self._listed, [(choice.members, made) for choice, made in parts])
+            self._physics = "; ".join(f"{choice.line} of {choice.whose}" for choice in chosen)
+            who = ", ".join(f"{len(choice.members)} x {choice.name}" for choice in chosen)
+        modelled = getattr(self.backend, "self_contact", False)
+        self.scene = self._listed if modelled else replace(self._listed, self_contact=None)
         self.task: Task = task_class(self.scene)
         self._check_ranges()
         warn_unusual(material, self.ranges)
-        self.num_envs = num_envs
-        self.title = f"{self.scene.name} {self.scene.grid} {backend}"
+        self.title = f"{self.scene.name} {self.scene.grid} {who}"
         self.failures = Failures(self.scene, self.task.max_strain)
         self.rngs: list[np.random.Generator | None] = [None] * num_envs
         self.materials = [base] * num_envs
@@ -103,16 +107,32 @@ class World:
     def __repr__(self) -> str:
         return f"<World {self.title}, {counted(self.num_envs, 'environment')}, {self.progress}>"
 
-    def _modelled(self, wanted: bool | None) -> Scene:
-        """What the backend models of the scene. Raises ValueError: self-contact is ``wanted``, and it has none."""
-        if self._listed.self_contact is None or getattr(self.backend, "self_contact", False):
-            return self._listed
-        if wanted:
+    def _built(self, choice: Choice) -> tuple[Choice, Backend]:
+        """The backend that is chosen for some members, and the choice with what a preset adds to it.
+
+        Raises:
+            ValueError, ImportError: see ``check_backend_kwargs`` and ``make_backend``; self-contact is asked for which
+                it does not have. The members are named where others have another backend.
+        """
+        name, options, members = choice.name, choice.options, choice.members
+        if name == "reference" and isinstance(options, Mapping) and "solver" not in options:
+            options = {**solver_of(self._arguments["preset"]), **options}
+        try:
+            check_backend_kwargs(name, options, solvers=solvers_of(self._listed), beside=self._arguments)
+            made = make_backend(name, self._listed, num_envs=len(members), backend_kwargs=options)
+            built = replace(choice, options=options)
+            if self._arguments["self_contact"] and not getattr(made, "self_contact", False):
+                raise ValueError(
+                    f"self_contact=True: {built.line} has no contact of the cloth with itself: leave self_contact out, "
+                    "or use solver='explicit' (of backend='cnn': engine='compiled')"
+                )
+        except ValueError as error:
+            if len(members) == self.num_envs:
+                raise
             raise ValueError(
-                f"self_contact=True: {self._physics} has no contact of the cloth with itself: leave self_contact out, "
-                "or use solver='explicit' (of backend='cnn': engine='compiled')"
-            )
-        return replace(self._listed, self_contact=None)
+                f"{choice.whose}: {error} (backend_kwargs may be a list, with a dict for each member)"
+            ) from error
+        return built, made
 
     @property
     def started(self) -> bool:
@@ -282,19 +302,19 @@ class World:
 
     def __getstate__(self) -> dict[str, Any]:
         """What makes it again, since a backend need not know how to copy itself: arguments and state."""
-        named = BACKENDS.get(self._arguments["backend"])
+        named = {name: BACKENDS[name] for name in set(self.backends) if name in BACKENDS}
         return {
             "arguments": self._arguments,
-            "factory": None if isinstance(named, str) else named,  # of ``register_backend``, for other processes
+            "factories": named,  # of ``register_backend``, for other processes
             "rngs": self.rngs,
             "state": self.get_state() if self.started else None,
             "last": (self.episode.action, self.controls) if self.started else None,
         }
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
-        name, factory = saved["arguments"]["backend"], saved["factory"]
-        if factory is not None and name not in BACKENDS:
-            register_backend(name, factory)
+        for name, factory in saved["factories"].items():
+            if name not in BACKENDS:
+                register_backend(name, factory)
         World.__init__(self, **saved["arguments"])
         if saved["state"] is not None:
             self.set_state(saved["state"])

@@ -70,7 +70,32 @@ MISTAKES: dict[str, tuple[Callable[[], object], list[str]]] = {
     "obs None": (lambda: one(obs=None), ["observation None", "'keypoints', 'mesh'"]),
     "backend class": (lambda: one(backend=dict), ["register_backend"]),
     "backend_kwargs": (lambda: one(backend_kwargs=4), ["must be a dict, got 4"]),
-    "backend_kwargs list": (lambda: one(backend_kwargs=["solver"]), ["must be a dict, got ['solver']"]),
+    "backend_kwargs list": (lambda: one(backend_kwargs=["solver"]), ["must be a dict, got 'solver'"]),
+    "backends of one": (
+        lambda: one(backend=["miniature", "reference"]),
+        ["backend lists 2 for 1 environment", "make_vec(id, num_envs=2"],
+    ),
+    "backends of too many": (lambda: many(backend=["cnn"] * 2), ["lists 2 for 3 environments", "one entry for each"]),
+    "kwargs of too many": (lambda: many(backend_kwargs=[{}] * 4), ["backend_kwargs lists 4 for 3", "num_envs=4"]),
+    "backends misspelt": (lambda: many(backend=["refernce", "cnn", "cnn"]), ["mean 'reference'"]),
+    "backends by name": (lambda: many(backend={"cnn": 3}), ["backend must be a name", "a list"]),
+    "backend of a member": (lambda: many(backend=["cnn", "cnn", 3]), ["backend must be a name", "got 3"]),
+    "factor of some": (
+        lambda: many(backend=["reference", "miniature", "miniature"], factor=4),
+        ["write a list as backend_kwargs, with {'factor': 4} for each member of backend 'miniature'"],
+    ),
+    "kwargs of another": (
+        lambda: many(backend=["miniature", "reference", "reference"], backend_kwargs={"factor": 4}),
+        ["members 1-2: unknown keyword", "'factor'", "a list, with a dict for each member"],
+    ),
+    "kwargs of a member": (
+        lambda: many(backend=["miniature", "reference", "reference"], backend_kwargs=[{}, {}, 3]),
+        ["member 2: ", "must be a dict, got 3"],
+    ),
+    "both words": (
+        lambda: many(backend=["cnn"] * 3, physics=["reference"] * 3),
+        ["physics= is another word for backend="],
+    ),
     "solver misspelt": (lambda: physics(sovler="admm"), ["mean 'solver'", "'solver', 'substeps', 'threads'."]),
     "threads misspelt": (lambda: physics(thread=2), ["mean 'threads'"]),
     "another solver's": (

@@ -31,6 +31,20 @@ CASES: dict[str, Case] = {
     "cnn": ("Flag", {"backend": "cnn"}, 0.05),
     "torch": ("Flag", {"backend": "cnn", "backend_kwargs": {"engine": "torch"}, "resolution": (4, 5)}, 0.045),
     "own": ("Curtain", {"backend": "own_backend:Springs", "randomize": None}, 0.025),
+    "mixed": (
+        "Flag",
+        {
+            "backend": ["miniature", "reference", "miniature"],
+            "backend_kwargs": [LOCAL, {"dtype": "float64"}, LOCAL],
+            "resolution": (9, 13),
+        },
+        0.06,
+    ),
+    "many": (
+        "Curtain",
+        {"backend": ["reference", "miniature", "cnn"], "backend_kwargs": [{"solver": "admm"}, {"factor": 4}, None]},
+        0.03,
+    ),
     "Curtain": ("Curtain", {}, 0.025),
     "Collision": ("Collision", {}, 0.03),
     "Pressure": ("Pressure", {}, 0.03),
@@ -50,7 +64,8 @@ class ByHand:
 
     def __init__(self, case: Case, mode: AutoresetMode) -> None:
         scene, options, strain = case
-        self.envs = [frail(gym.make(cloth_envs.env_id(scene), **SMALL | options), strain) for _ in range(N)]
+        own = [{n: o[i] if isinstance(o, list) else o for n, o in options.items()} for i in range(N)]
+        self.envs = [frail(gym.make(cloth_envs.env_id(scene), **SMALL | o), strain) for o in own]
         self.mode, self.ended = mode, [False] * N
 
     def step(self, actions: np.ndarray) -> list[list[Any]]:

@@ -35,10 +35,11 @@ def test_gallery_runs(tmp_path: Path) -> None:
         assert tile.std() > 10  # something is drawn in each
 
 
-def run_example(name: str) -> str:
+def run_example(name: str, *arguments: str) -> str:
     path = ROOT / "examples" / f"{name}.py"
     assert len(path.read_text().splitlines()) <= 80
-    return subprocess.run([sys.executable, str(path)], capture_output=True, text=True, check=True).stdout
+    command = [sys.executable, str(path), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
 def test_forces_plug_into_the_cell() -> None:
@@ -52,6 +53,18 @@ def test_forces_plug_into_the_cell() -> None:
 def test_an_upscaler_goes_on_top_of_the_cell() -> None:
     # Coarse physics errs by about as much: 4 to 9 mm on a curtain after five frames (docs/surrogates.md).
     assert float(re.search(r"([\d.]+) mm off", run_example("cnn_upscaler"))[1]) < 15
+
+
+def test_rewards_are_compared_in_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    mean, error, frame = (
+        float(n) for n in re.findall(r"[+-]?\d\.\d{4}", run_example("fidelity", "--pairs", "3", "--frames", "20"))
+    )
+    assert error > 0
+    assert 0 < abs(mean) <= frame < 0.3
+    monkeypatch.syspath_prepend(ROOT / "examples")
+    gaps = import_module("fidelity").gaps
+    assert (gaps("Flag", "cnn", {}, pairs=2, frames=8) == 0).all()  # it is the reference to the bit
+    assert (gaps("Flag", "miniature", {}, pairs=2, frames=8)[-1] != 0).all()
 
 
 def test_a_stiffer_disc_has_the_larger_drape_coefficient(monkeypatch: pytest.MonkeyPatch) -> None:
