@@ -23,7 +23,10 @@ class Backend(Protocol):
     ``state`` shows, failures are judged by what ``State.health`` says of it, and ``guarded`` ``(B,)`` tells the members
     that are drawn in a plainer way than usual, once they are read: environments pass that on as ``info["guard"]``.
     ``crossings`` ``(B,)`` may count the pairs of triangles that crossed as the last frame began, for
-    ``info["crossings_at_start"]``.
+    ``info["crossings_at_start"]``. ``surrogate`` ``(B,)`` of text may say, after a reset, by what other means than
+    usual a member is stepped, and why: ``info["surrogate"]`` of the reset. ``measured_error`` ``(B,)`` may tell, after
+    a frame, how far each cloth was found to be from the reference [% of its length], NaN where it was not: ``info``
+    has it.
     """
 
     scene: Scene

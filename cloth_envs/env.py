@@ -123,7 +123,12 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         super().reset(seed=seed)
         self.world.reset({0: self.np_random})
         self._start = None if self.render_mode is None else self.state.copy()
-        return self._observation(), {}
+        why = self.world.surrogate[0]
+        return self._observation(), {"surrogate": why} if why else {}
+
+    def describe(self) -> str:
+        """What the physics models and what it does not, and by what means, as text."""
+        return self.world.describe()
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         chosen = read_actions(action, self.world.action_space.shape, self.world.task.actions)
@@ -134,6 +139,8 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
             info["guard"] = True
         if crossings := int(self.world.crossings[0]):
             info["crossings_at_start"] = crossings
+        if not np.isnan(error := self.world.measured_error[0]):
+            info["measured_error"] = float(error)
         return observation, float(rewards[0]), reasons[0] is not None, False, info
 
     def _observation(self) -> Any:

@@ -1,6 +1,7 @@
 """One backend made of several, which step their members of a batch each."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -60,6 +61,16 @@ class MixedBackend:
     def crossings(self) -> np.ndarray:
         """See ``Backend``, ``(B,)``."""
         return self._told("crossings", np.int32)
+
+    @property
+    def surrogate(self) -> np.ndarray:
+        """See ``Backend``, ``(B,)``."""
+        return self._told("surrogate", object, "")
+
+    @property
+    def measured_error(self) -> np.ndarray:
+        """See ``Backend``, ``(B,)``."""
+        return self._told("measured_error", float, np.nan)
 
     def check_material(self, material: Material) -> None:
         """Refuse what one of the parts can't step. Raises ValueError: see ``Backend``."""
@@ -126,9 +137,9 @@ class MixedBackend:
             whole[members] = array
         return whole
 
-    def _told(self, name: str, kind: type) -> np.ndarray:
-        """What the parts tell of their members, ``(B,)``; 0 of those that tell nothing."""
-        told: np.ndarray = np.zeros(self.num_envs, kind)
+    def _told(self, name: str, kind: type, nothing: Any = 0) -> np.ndarray:
+        """What the parts tell of their members, ``(B,)``; ``nothing`` of those that tell nothing."""
+        told: np.ndarray = np.full(self.num_envs, nothing, kind)
         for members, backend in self.parts:
-            told[members] = getattr(backend, name, 0)
+            told[members] = getattr(backend, name, nothing)
         return told

@@ -118,7 +118,16 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             if seeds[i] is not None or self.world.rngs[i] is None:
                 self.world.rngs[i], _ = seeding.np_random(seeds[i])
         self._start(np.flatnonzero(mask))
-        return self.world.observe(), {}
+        return self.world.observe(), self._by_other_means(mask)
+
+    def describe(self) -> str:
+        """What the physics models and what it does not, and by what means, as text."""
+        return self.world.describe()
+
+    def _by_other_means(self, started: np.ndarray) -> dict[str, np.ndarray]:
+        """``info["surrogate"]`` of the members that have ``started``, bool ``(B,)``."""
+        why = self.world.surrogate
+        return _told("surrogate", np.where(started, why, None), started & (why != ""))
 
     def _start(self, which: np.ndarray) -> None:
         rngs = {int(i): rng for i in which if (rng := self.world.rngs[i]) is not None}
@@ -145,22 +154,25 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             infos["failure"], infos["_failure"] = np.array(told, dtype=object), terminated.copy()
         ended = self._ended = terminated | truncated
         observations = world.observe()
-        guarded = world.guarded.copy()
-        guarded[again] = False
-        crossings = world.crossings.copy()
-        crossings[again] = 0
+        started = np.zeros(n, bool)
+        started[again] = True
+        frame = self._of_frame(~started)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
             finals = np.full(n, None, dtype=object)
             for i in np.flatnonzero(ended):
                 finals[i] = member(observations, int(i))
-            last = infos | _told("guard", guarded & ended) | _told("crossings_at_start", crossings * ended)
+            last = infos | self._of_frame(ended)
             infos = {"final_obs": finals, "_final_obs": ended.copy(), "final_info": last, "_final_info": ended.copy()}
-            guarded &= ~ended
-            crossings[ended] = 0
+            frame, started = self._of_frame(~ended), ended
             self._start(np.flatnonzero(ended))
             observations = world.observe()
-        infos |= _told("guard", guarded) | _told("crossings_at_start", crossings)
-        return observations, rewards, terminated, truncated, infos
+        return observations, rewards, terminated, truncated, infos | frame | self._by_other_means(started)
+
+    def _of_frame(self, which: np.ndarray) -> dict[str, np.ndarray]:
+        """What the backend tells of the last frame of members ``which``, bool ``(B,)``."""
+        guarded, crossings, error = self.world.guarded & which, self.world.crossings * which, self.world.measured_error
+        told = _told("guard", guarded, guarded) | _told("crossings_at_start", crossings, crossings > 0)
+        return told | _told("measured_error", error, which & ~np.isnan(error))
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that decides the future, as arrays; see ``ClothEnv.get_state``."""
@@ -186,9 +198,9 @@ def _threaded(choice: Choice, threads: int) -> Choice:
     return choice
 
 
-def _told(name: str, which: np.ndarray) -> dict[str, np.ndarray]:
-    """An info that is true of, or counts something in, some members, ``(B,)``; nothing of none."""
-    return {name: which, f"_{name}": which != 0} if which.any() else {}
+def _told(name: str, values: np.ndarray, which: np.ndarray) -> dict[str, np.ndarray]:
+    """An info that some members have, bool ``(B,)``; nothing of none."""
+    return {name: values, f"_{name}": which} if which.any() else {}
 
 
 def _limit(frames: int | None) -> int | None:

@@ -259,6 +259,21 @@ class World:
         """Pairs of each cloth's triangles that crossed as the last frame began, ``(B,)``; 0 where none are counted."""
         return np.asarray(getattr(self.backend, "crossings", np.zeros(self.num_envs, np.int32)))
 
+    @property
+    def surrogate(self) -> np.ndarray:
+        """By what other means than usual each member is stepped and why, ``(B,)`` text, empty of most."""
+        return np.asarray(getattr(self.backend, "surrogate", np.full(self.num_envs, "", object)))
+
+    @property
+    def measured_error(self) -> np.ndarray:
+        """How far each cloth was found to be from the reference in the last frame [%], NaN if it was not, ``(B,)``."""
+        return np.asarray(getattr(self.backend, "measured_error", np.full(self.num_envs, np.nan)))
+
+    def describe(self) -> str:
+        """What is modelled and what is not, and by what means, as text."""
+        means = dict.fromkeys(filter(None, self.surrogate.tolist()))
+        return "\n".join([self.scene.describe(), f"physics: {', '.join(dict.fromkeys(self.backends))}", *means])
+
     def observe(self) -> Any:
         """See ``Observer``."""
         return self.observer(self.episode)

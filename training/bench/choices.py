@@ -92,7 +92,9 @@ def measure(session: Session) -> None:
                         store.add(row)
                 timed = [p for p in everyone[:-1] if (scene, p.family, p.text) not in prices]
                 if timed and policy == "bang-bang":
-                    for cost in costs([*CHOICES, *extra(session.given.backend)], windows, runs=3 if session.quick else 9):
+                    for cost in costs(
+                        [*CHOICES, *extra(session.given.backend)], windows, runs=3 if session.quick else 9
+                    ):
                         prices.add(cost)
     if session.given.table:
         write_table(session)
@@ -138,9 +140,13 @@ def write_table(session: Session) -> None:
 
 def checked(rows: Sequence[ChoiceRow], prices: Sequence[CostRow]) -> str:
     """What would be chosen by the table for every tolerance, and how many held-out windows it holds."""
-    lines = [f"{'scene':10s} {'frames':>6s} {'tolerance':>9s}  {'chosen':32s} {'ms':>6s} {'faster':>7s} {'held out within':>16s}"]
+    lines = [
+        f"{'scene':10s} {'frames':>6s} {'tolerance':>9s}  {'chosen':32s} {'ms':>6s} {'faster':>7s} {'held out within':>16s}"
+    ]
     for scene, entry in table(rows, prices).items():
-        known = sorted((Option(o["backend"], o["options"], o["ms"], o["error"]) for o in entry["backends"]), key=lambda o: o.ms)
+        known = sorted(
+            (Option(o["backend"], o["options"], o["ms"], o["error"]) for o in entry["backends"]), key=lambda o: o.ms
+        )
         usual = next(p.ms_median for p in prices if (p.scene, p.family) == (scene, "explicit"))
         for h in (5, 25):
             for k, most in enumerate(TOLERANCES):
@@ -149,9 +155,19 @@ def checked(rows: Sequence[ChoiceRow], prices: Sequence[CostRow]) -> str:
                     lines.append(f"{at}below the chaos floor of {entry['floor'][str(h)]:.2g} %")
                     continue
                 chosen = held[0] if held else Option("reference", {}, usual, {})
-                one = next((p for p in CHOICES if (p.backend, p.whole) == (chosen.backend, dict(chosen.options))), CHOICES[0])
-                mine = [r for r in rows if (r.scene, r.family, r.options, r.split, r.frames) == (scene, one.family, one.text, "held out", h)]
-                share = np.average([json.loads(r.within)[k] for r in mine], weights=[r.windows for r in mine]) if mine else np.nan
+                one = next(
+                    (p for p in CHOICES if (p.backend, p.whole) == (chosen.backend, dict(chosen.options))), CHOICES[0]
+                )
+                mine = [
+                    r
+                    for r in rows
+                    if (r.scene, r.family, r.options, r.split, r.frames) == (scene, one.family, one.text, "held out", h)
+                ]
+                share = (
+                    np.average([json.loads(r.within)[k] for r in mine], weights=[r.windows for r in mine])
+                    if mine
+                    else np.nan
+                )
                 name = label(one.family, one.text)
                 lines.append(f"{at}{name:32s} {chosen.ms:6.2f} {usual / chosen.ms:6.1f}x {100 * share:14.1f} %")
     return "\n".join(lines)

@@ -24,6 +24,7 @@ from training.upscaler.data import read
 
 FRAMES = (1, 2, 3, 5, 7)  # after a restart, at which pairs are taken
 STARTS = (10, 25, 40, 55, 70, 85, 100)  # frames of an episode, at which windows begin
+POLICIES = ("smooth", "random", "smooth", "bang-bang")
 RANGE = (0.5, 2.0)  # of areal density and stretch stiffness over the scene's own
 
 
@@ -66,14 +67,14 @@ def varied(scene: Scene) -> dict[str, tuple[float, float]]:
 
 def simulate(
     scene: str, seeds: Sequence[int], factors: Sequence[int], *, starts: Sequence[int] = STARTS,
-    scaling: str = "calibrated", **options: Any,
+    scaling: str = "closure", **options: Any,
 ) -> Windows:  # fmt: skip
-    """Run the truth of every seed under smooth actions, and miniatures from each of ``starts``.
+    """Run the truth of every seed under POLICIES in turn, and miniatures from each of ``starts``.
 
     Episodes that fail are left out. ``options`` go to the world (``randomize``, ``resolution``).
     """
     world = World(scene, num_envs=len(seeds), **options)
-    actions = seeded_actions(world, seeds, ["smooth"], max(starts) + max(FRAMES))
+    actions = seeded_actions(world, seeds, POLICIES, max(starts) + max(FRAMES))
     run = record(world, actions, [start + frame for start in starts for frame in (0, *FRAMES)], seeds=seeds)
     run = run.only(run.good)
     coarse: dict[int, np.ndarray] = {}
