@@ -139,7 +139,7 @@ def episodes(scene: str, recipe: Recipe, cache: Path) -> tuple[Windows, dict[str
 
     def some(seeds: range, random: bool) -> Windows:
         ranges = varied(described) if random else None
-        path = cache / f"{scene}_{digest(described, miniatures, seeds, FRAMES, STARTS, ranges)}.npz"
+        path = cache / f"{scene}_{digest(described, miniatures, seeds, POLICIES, FRAMES, STARTS, ranges)}.npz"
         make = partial(simulate, scene, seeds, FACTORS, randomize=ranges, scaling=recipe.scaling)
         return cached(described, path, make)
 
