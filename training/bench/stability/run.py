@@ -83,6 +83,7 @@ BENCHMARK = Benchmark(
     files={STEM: RowFile(StabilityRow, ("axis", "level", "scene", "backend", "options", "seed"))},
     parts=[Part("By level: runs that passed / survived / all", (STEM,), table)],
     measure=measure,
+    pieces=("--axes", tuple(AXES)),
     scenes=("Curtain", "Flag"),
     charts={STEM: "Heat maps of the runs that passed and survived: a panel an axis, a line a method"},
     draw=draw,

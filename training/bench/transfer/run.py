@@ -24,7 +24,7 @@ from training.rollouts import play
 DURATION = 2.0  # s of an episode; the scenes' own last 4-8 s
 POPULATION, EPISODES, GENERATIONS = 8, 2, 10
 REPETITIONS, HELD_OUT = 3, range(16)  # training starts at FIRST_SEED
-LONGER = {"closure local x4 longer": (4, 2)}  # times the episodes and the generations, as it is cheap
+LONGER = {"miniature x4 longer": (4, 2)}  # times the episodes and the generations, as it is cheap
 TRAININGS, EPISODE_STEM = "transfer_trainings", "transfer_episodes"
 TRAINING_KEY = ("scene", "rows", "cols", "policy", "repetition")
 
