@@ -120,7 +120,7 @@ class Benchmark:
         parts: tables for people, in the order in which they are shown.
         measure: fills the session's stores.
         times: fills those of times, before ``measure``; ``minicloth bench all`` lets nothing else run then.
-        pieces: an option and its values, which measure a part of the rows each (none: the scenes, each in turn).
+        pieces: options that measure a part of the rows each, by which that command divides the work (none: by scenes).
         scenes: those that are measured unless ``--scenes`` names others.
         known: what ``--scenes`` may name.
         charts: stem of a picture -> what it shows; drawn by ``draw(rows by stem, folder, setup)``.
@@ -133,7 +133,7 @@ class Benchmark:
     parts: Sequence[Part]
     measure: Callable[[Session], None]
     times: Callable[[Session], None] | None = None
-    pieces: tuple[str, Sequence[str]] | None = None
+    pieces: Sequence[tuple[str, ...]] = ()
     scenes: Sequence[str] = tuple(SCENES)
     known: Sequence[str] = tuple(SCENES)
     charts: Mapping[str, str] | None = None

@@ -16,6 +16,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 from cloth_envs.files import check_folder, read_json, write_text
 from cloth_envs.parsing import Parser
@@ -24,7 +25,7 @@ from training.bench.benchmark import BENCHMARKS, Benchmark, check_revision, find
 from training.rows import Store, read_names
 
 # By default, those whose pieces take longest first. What isn't here is of kernels, of solvers or of other programs.
-USUAL = ("stability", "transfer", "speed-accuracy", "wrinkles", "endurance", "mesh")
+USUAL = ("transfer", "stability", "speed-accuracy", "wrinkles", "endurance", "mesh")
 RECORD, PARTS = "all.json", "parts"
 RUN = "import sys; from training.bench.benchmark import find; sys.exit(find(sys.argv[1]).main(sys.argv[2:]))"
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -45,8 +46,7 @@ class Piece:
 
 def parts(benchmark: Benchmark) -> list[Piece]:
     """The pieces of its rows; one may measure all of them."""
-    option, values = benchmark.pieces or ("--scenes", benchmark.scenes)
-    return [Piece(benchmark.name, (option, value)) for value in values]
+    return [Piece(benchmark.name, words) for words in benchmark.pieces or [("--scenes", s) for s in benchmark.scenes]]
 
 
 class Everything:
@@ -111,7 +111,7 @@ class Everything:
         if any(piece.name not in self.done for piece in mine):
             return
         for stem, file in benchmark.files.items():
-            store = Store(self.out / f"{stem}.csv", file.kind, file.key)
+            store: Store[Any] = Store(self.out / f"{stem}.csv", file.kind, file.key)
             for piece in mine if file.key else ():
                 store.add(*saved(benchmark, self.out / PARTS / piece.name).get(stem, ()))
         self.note(*self.run(Piece(benchmark.name), self.out))
@@ -153,8 +153,8 @@ def main(argv: Sequence[str]) -> int:
     given, chosen = all_of.given, all_of.chosen
     pieces = [piece for benchmark in chosen for piece in parts(benchmark)]
     announce(
-        f"{', '.join(b.name for b in chosen)} into {given.out}: times alone, then {len(pieces)} pieces, {given.jobs} at "
-        f"once; {len(all_of.done)} are done. Stopped by Ctrl-C, the same command goes on."
+        f"{', '.join(b.name for b in chosen)} into {given.out}: times alone, then {len(pieces)} pieces, {given.jobs} "
+        f"at once; {len(all_of.done)} are done. Stopped by Ctrl-C, the same command goes on."
     )
     for benchmark in (b for b in chosen if b.times):
         all_of.note(*all_of.run(Piece(benchmark.name, ("--times-only",)), given.out))
