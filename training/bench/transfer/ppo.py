@@ -23,7 +23,7 @@ class Recipe:
     of the ``value`` loss, ``largest`` norm of a gradient, ``spread`` of actions at first.
     """
 
-    updates: int = 40
+    updates: int = 32
     epochs: int = 20
     minibatch: int = 400
     rate: float = 1e-3
