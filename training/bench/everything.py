@@ -24,8 +24,9 @@ from cloth_envs.progress import announce, progress, say
 from training.bench.benchmark import BENCHMARKS, Benchmark, check_revision, find, revision, saved
 from training.rows import Store, read_names
 
-# By default, those whose pieces take longest first. What isn't here is of kernels, of solvers or of other programs.
-USUAL = ("transfer", "stability", "speed-accuracy", "wrinkles", "endurance", "mesh")
+# All but those that are of kernels, of solvers, of single sheets, of other programs, of other papers, of a million steps.
+APART = ("throughput", "convergence", "folds", "peers", "tables", "endurance")
+USUAL = [name for name in BENCHMARKS if name not in APART]
 RECORD, PARTS = "all.json", "parts"
 RUN = "import sys; from training.bench.benchmark import find; sys.exit(find(sys.argv[1]).main(sys.argv[2:]))"
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
