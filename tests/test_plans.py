@@ -17,7 +17,7 @@ from training.generate import Plan, draw, generate, task_of
 
 @pytest.mark.parametrize(
     ("command", "names"),
-    [("bench", list(BENCHMARKS)), ("train", list(TRAININGS)), ("generate", ["Curtain", "Flag", "Collision"])],
+    [("bench", [*BENCHMARKS, "all"]), ("train", list(TRAININGS)), ("generate", ["Curtain", "Flag", "Collision"])],
 )
 def test_without_a_name_the_names_are_listed(
     command: str, names: list[str], capsys: pytest.CaptureFixture[str]

@@ -184,6 +184,13 @@ def test_other_worlds_are_told_by_their_reasons() -> None:
     assert "in frame" in snapped.detail
 
 
+def test_the_miniature_is_measured_as_agents_meet_it() -> None:
+    """At every factor, with nothing but the factor given."""
+    plain = {p.label: p.whole for p in STABILITY}
+    assert [plain[f"mini \u00d7{n}"] for n in (2, 3, 4)] == [{"factor": n} for n in (2, 3, 4)]
+    assert len({str(whole) for whole in plain.values()}) == len(plain)  # nothing twice
+
+
 def test_a_refusal_keeps_its_words(curtain: Stage, true: tuple[Run, Run]) -> None:
     refused = built(replace(EXPLICIT, options={"substeps": 1}), curtain.scene)
     found = scored(refused, curtain, true)
@@ -222,6 +229,10 @@ def test_worlds_are_what_they_say() -> None:
     np.testing.assert_allclose(way, [0, 8 * ball.scene.frame_dt, 0], atol=1e-12)
     assert ball.controls[-1].colliders[0, 0, 0, 1] == pytest.approx(0.3)
     assert len(worlds(None, list(AXES), range(5), ends=False)) > 300
+    wild = AXES["bang-bang"].make(base, 30.0)
+    assert [len(c.handle_positions) for c in wild.controls] == [1] * 30
+    assert list(AXES["bang-bang"].of(None)) == list(SCENES)
+    assert AXES["bang-bang"].levels[-1] == 200
     assert {scene for _, _, scene, _ in worlds(["BallDrop"], list(AXES), [0], ends=True)} == {"BallDrop"}
 
 

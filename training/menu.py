@@ -27,7 +27,7 @@ def menu(command: str, table: Mapping[str, str]) -> str:
 
 def benchmarks() -> str:
     """The menu of ``minicloth bench``."""
-    return menu("bench", BENCHMARKS)
+    return menu("bench", {**BENCHMARKS, "all": "training.bench.everything"})
 
 
 def trainings() -> str:

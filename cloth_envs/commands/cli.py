@@ -54,6 +54,8 @@ def _compare(given: argparse.Namespace) -> str:
 def _bench(given: argparse.Namespace) -> str:
     if given.benchmark is None:
         return load("training.menu:benchmarks")()
+    if given.benchmark == "all":
+        sys.exit(load("training.bench.everything:main")(given.options))
     sys.exit(load("training.bench.benchmark:find")(given.benchmark).main(given.options))
 
 

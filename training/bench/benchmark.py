@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 from cloth_envs.files import check_folder, read_json, write_text
 from cloth_envs.machine import header
@@ -36,6 +37,7 @@ BENCHMARKS: dict[str, str] = {
     "tables": "training.bench.papers.run",
     "throughput": "training.bench.throughput.run",
 }
+CODE = ("cloth_envs", "surrogates", "training", "CMakeLists.txt")  # what rows follow from
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,8 @@ class Benchmark:
         files: stem of a CSV -> what its rows are.
         parts: tables for people, in the order in which they are shown.
         measure: fills the session's stores.
+        times: fills those of times, before ``measure``; ``minicloth bench all`` lets nothing else run then.
+        pieces: options that measure a part of the rows each, by which that command divides the work (none: by scenes).
         scenes: those that are measured unless ``--scenes`` names others.
         known: what ``--scenes`` may name.
         charts: stem of a picture -> what it shows; drawn by ``draw(rows by stem, folder, setup)``.
@@ -128,6 +132,8 @@ class Benchmark:
     files: Mapping[str, RowFile]
     parts: Sequence[Part]
     measure: Callable[[Session], None]
+    times: Callable[[Session], None] | None = None
+    pieces: Sequence[tuple[str, ...]] = ()
     scenes: Sequence[str] = tuple(SCENES)
     known: Sequence[str] = tuple(SCENES)
     charts: Mapping[str, str] | None = None
@@ -149,6 +155,8 @@ class Benchmark:
         top.add_argument("--chart-only", action="store_true", help="draw what --out holds, measure nothing")
         top.add_argument("--cache", type=Path, help="folder of what takes long to make (default: the user's caches)")
         top.add_argument("--fresh", action="store_true", help="measure again what --out holds")
+        if self.times:
+            top.add_argument("--times-only", action="store_true", help="only the times, which other programs disturb")
         top.add_argument("--backend", action="append", default=[], metavar="NAME[=JSON]", help="one more; may repeat")
         if self.options:
             self.options(top)
@@ -158,7 +166,8 @@ class Benchmark:
         """Measure what is missing, print the tables, write rows, header and charts.
 
         Raises:
-            ValueError: an unknown name; ``--chart-only`` without ``--out``; rows of ``--quick`` would mix with others.
+            ValueError: an unknown name; ``--chart-only`` without ``--out``; rows of ``--quick`` or of another revision
+                would mix with others.
         """
         session = Session(self, self.parser().parse_args(argv))
         header = session.out / f"{self.header}.json" if session.out else None
@@ -172,10 +181,15 @@ class Benchmark:
             if old and old["quick"] != session.quick and not session.given.fresh:
                 kind = "without" if session.quick else "of"
                 raise ValueError(f"{session.out} holds rows {kind} --quick: choose another --out, or --fresh")
+            if old and not session.given.fresh:
+                check_revision(old.get("revision"), session.about["revision"], session.out)
             announce(session.plan())
             print(setup(session.about))
             session.write(header)
-            self.measure(session)
+            if self.times:
+                self.times(session)
+            if not (self.times and session.given.times_only):
+                self.measure(session)
             session.write(header)
         rows = session.rows()
         for part in self.parts:
@@ -214,8 +228,26 @@ def setup(about: Mapping[str, Any]) -> str:
     return ", ".join(filter(None, [*parts, "QUICK: a trial run, not for citing" if about["quick"] else ""]))
 
 
+def check_revision(old: str | None, now: str, folder: Path | None) -> None:
+    """That rows which ``folder`` holds and new ones are of one revision.
+
+    Raises:
+        ValueError: they are not.
+    """
+    if (old or "") != now:
+        raise ValueError(
+            f"{folder} holds rows of revision {old or 'unknown'}, and this is {now or 'unknown'}: choose another "
+            "--out, or --fresh to measure them again"
+        )
+
+
 def revision() -> str:
-    """The commit that this code is at, with ``-dirty`` where files differ from it; empty outside a checkout."""
-    command = ["git", "describe", "--always", "--dirty", "--abbrev=12"]
-    found = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
-    return found.stdout.strip()
+    """The last commit of the code, with ``-dirty`` and a digest of what differs from it; empty outside a checkout."""
+    root = Path(__file__).parents[2]
+
+    def git(*command: str) -> str:
+        found = subprocess.run(["git", *command, "--", *CODE], cwd=root, capture_output=True, text=True, check=False)
+        return found.stdout.strip()
+
+    changed = git("diff", "HEAD")
+    return git("log", "-1", "--format=%h", "--abbrev=12") + (f"-dirty-{crc32(changed.encode()):08x}" if changed else "")

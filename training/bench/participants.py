@@ -105,7 +105,7 @@ FAMILIES: dict[str, list[Participant]] = {
         _miniature("calibrated ridge", scaling="calibrated", upscaler="ridge"),
         _miniature("calibrated local", scaling="calibrated", upscaler="local"),
         _miniature("miniature closure", scaling="closure"),
-        _miniature("closure local", scaling="closure", upscaler="local"),
+        _miniature("miniature"),  # as an agent meets it
         _miniature("closure learned", 2, 4, scaling="closure", correction="learned"),
         [Participant("cnn", "cnn")],
         _sweep("similar + offset", f"{BASELINES}:Offset", *FACTORS, scaling="similar"),
@@ -134,12 +134,10 @@ STABILITY = [
     _one("admm", "P-ADMM, 10 it.", iterations=10),
     _one("implicit", "implicit, 1/4 grid", 4, max_iterations=100),
     _one("miniature similar", "mini \u00d72 similar", factor=2),
-    _one("miniature calibrated", "mini \u00d72 calibrated", factor=2),
     _one("miniature similar", "mini \u00d74 similar", factor=4),
     _one("miniature calibrated", "mini \u00d74 calibrated", factor=4),
-    _one("closure local", "mini \u00d72 closure, local", factor=2),
-    _one("closure local", "mini \u00d74 closure, local", factor=4),
-    _one("closure local", "mini \u00d74 guarded", factor=4, guard=True),
+    *(_one("miniature", f"mini \u00d7{n}", factor=n) for n in (2, 3, 4)),
+    _one("miniature", "mini \u00d74 unguarded", factor=4, guard=False),
     _one("closure learned", "mini \u00d74 learned", factor=4),
     _one("cnn", "cnn"),
 ]
@@ -147,8 +145,8 @@ STABILITY = [
 ENDURANCE = [
     _one("explicit", "reference"),
     _one("admm", "P-ADMM, 10 it.", iterations=10),
-    _one("closure local", "miniature x2", factor=2),
-    _one("closure local", "miniature x4", factor=4),
+    _one("miniature", factor=2),
+    _one("miniature", factor=4),
     _one("cnn", "cnn"),
     _one("implicit", "implicit, 1/4 grid", 4, max_iterations=100),
 ]
@@ -179,8 +177,8 @@ MESH = [
     # Stands for wrinkles that the mesh can't hold.
     *_sweep("changed material", f"{BASELINES}:changed", {"compression": 0.1}),
     _one("miniature similar", factor=2),
-    _one("closure local", factor=2),
-    _one("closure local", factor=4),
+    _one("miniature", factor=2),
+    _one("miniature", factor=4),
 ]
 # What agents see, with its edges mended and as it was upscaled.
 WRINKLES = [
@@ -191,13 +189,9 @@ WRINKLES = [
 # What policies are trained on; the first is what they are scored on.
 TRANSFER = [
     _one("explicit", "reference"),
-    *(
-        _one(f"miniature {scaling}", f"{scaling} x{n}", factor=n)
-        for scaling in ("similar", "calibrated", "closure")
-        for n in (2, 4)
-    ),
-    _one("closure local", "closure local x4", factor=4),
-    _one("closure local", "closure local x4 longer", factor=4),
+    *(_one("miniature similar", f"similar x{n}", factor=n) for n in (2, 4)),
+    *(_one("miniature", factor=n) for n in (2, 4)),
+    _one("miniature", "miniature x4 longer", factor=4),
 ]
 
 

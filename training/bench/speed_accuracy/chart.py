@@ -41,7 +41,7 @@ CURVES = {
     "calibrated ridge": Curve("calibrated, ridge upscaler", "#D55E00", "1", ":"),
     "calibrated local": Curve("calibrated, local network", "#D55E00", "*", "--"),
     "miniature closure": Curve("miniature, closure", "#000000", "p"),
-    "closure local": Curve("closure, local network", "#000000", "*", "--"),
+    "miniature": Curve("miniature, as it comes", "#000000", "*", "--"),
     "closure learned": Curve("closure, learned correction", "#D81B60", "P", "--"),
     "cnn": Curve("physics-embedded CNN, full grid", "#4B0082", "h", ring=True),
     "calibrated + offset": Curve("calibrated + constant offset", "#D55E00", "+", ":"),

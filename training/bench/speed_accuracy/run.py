@@ -10,6 +10,7 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 
 from cloth_envs.progress import progress, say
@@ -54,51 +55,30 @@ def affordable(ms: float, frames: int, batch: int, budget: float) -> int:
     return batch if not ms > SLOW * budget / BUDGET else min(batch, int(budget * 1e3 / (ms * frames)))
 
 
-def score(
-    windows: Windows, long: Windows, participants: Sequence[Participant], session: Session, *, runs: int, budget: float
-) -> None:
-    """Measure what the stores lack of one scene, and what was refused before."""
-    scored, timed, longs = (session.store(stem) for stem in (WINDOWS, COST, LONG))
-    name, shape = windows.scene.name, windows.scene.grid.shape
-    again = {(r.family, r.options) for r in scored.rows if r.scene == name and "refused" in r.failure}
-    for batch, threads in ((1, 1), (BATCH, 1), (BATCH, 2)):
-        missing = [
-            p
-            for p in participants
-            if p.family != ORACLE and (batch == 1 or p.family in THREADED)
-            if (name, *shape, p.family, p.text, batch, threads) not in timed or (p.family, p.text) in again
-        ]
-        if missing:
-            count, run_ms = runs if batch == 1 else 3, RUN_MS * budget / BUDGET
-            timed.add(*costs(missing, windows, batch=batch, threads=threads, runs=count, run_ms=run_ms))
-    times = {(c.family, c.options): c.ms_median for c in timed.rows if (c.scene, c.batch) == (name, 1)}
-    for participant in progress([truth(TRUTH), *participants], name, unit="method", name=lambda p: p.label):
-        own, floor = (participant.family, participant.text), participant.family == FLOOR
-        ms = times.get(own, float("nan"))
-        if ms > TOO_SLOW:
-            say(f"{name}: {participant.label} takes {ms:.0f} ms a frame: left out")
-            continue
-        threads = (os.cpu_count() or 1) if floor else 1  # as slow as the truth
-        count = len(long.seeds) if floor else affordable(ms, len(windows.controls), len(windows.seeds), budget)
-        part = windows.first(max(1, count))
-        keys = [(name, *shape, *own, seed, frames, part.key) for seed in set(part.seeds) for frames in HORIZONS]
-        if own in again or not all(key in scored for key in keys):
-            scored.add(*errors(participant, part, threads))
-        count = FLOOR_RUNS if floor else affordable(ms, len(long.controls), len(long.seeds), budget)
-        whole = long.first(count) if count else long.first(1).until(gate_frames(long.scene))
-        keys = [(name, *shape, *own, seed, len(whole.controls), long.key) for seed in whole.seeds]
-        if own in again or not all(key in longs for key in keys):
-            longs.add(*long_runs(participant, whole, threads))
+@dataclass(frozen=True, eq=False)
+class Scope:
+    """What a session covers: participants, truths (``cases`` of every scene up to frame ``last``), windows, effort."""
+
+    participants: list[Participant]
+    cases: list[list[Case]]
+    last: int
+    starts: Sequence[int]
+    runs: int
+    budget: float
+    again: set[tuple[str, str, str]]  # scene, family and options of what was refused before
+
+    def windows(self, cases: Sequence[Case], cache: Path) -> Windows:
+        """Those of one scene."""
+        return gather(cases, self.starts, max(HORIZONS), range(self.last + 1), cache)
 
 
-def measure(session: Session) -> None:
-    """Errors, times and long runs of every scene, and what they amount to."""
-    quick, cache = session.quick, session.cache("truth")
+def scope(session: Session) -> Scope:
+    """What ``session`` asks for; its truths are there afterwards."""
+    quick, cache, given = session.quick, session.cache("truth"), session.given
     seeds, last, starts = (SEEDS[:2], 60, (25, 35)) if quick else (SEEDS, FRAMES, STARTS)
     runs, budget = (5, QUICK_BUDGET) if quick else (RUNS, BUDGET)
-    families = session.given.families
-    chosen = None if families is None else read_names(families, list(FAMILIES), "family")
-    participants = [*swept(chosen, quick=quick), *extra(session.given.backend)]
+    chosen = None if given.families is None else read_names(given.families, list(FAMILIES), "family")
+    participants = [*swept(chosen, quick=quick), *extra(given.backend)]
     session.about |= {
         "threads": 1,
         "omp_num_threads": os.environ.get("OMP_NUM_THREADS", "unset"),
@@ -109,17 +89,66 @@ def measure(session: Session) -> None:
         "truth": f"explicit, {TRUTH}: {truth(TRUTH).fixed}",
         "timed_runs": runs,
     }
-    if session.about["omp_num_threads"] != "1":
-        print("OMP_NUM_THREADS is not 1: times may not be of one thread")
     cases = [[Case(scene, seed, 4 if quick else 1, TRUTH) for seed in seeds] for scene in session.scenes]
     prepare([case for group in cases for case in group], last, cache, 1 if quick else os.cpu_count() or 1)
-    for group in cases:
-        windows = gather(group, starts, max(HORIZONS), range(last + 1), cache)
-        long = gather(group, (0,), last, range(last + 1), cache)
-        score(windows, long, participants, session, runs=runs, budget=budget)
+    again = {(r.scene, r.family, r.options) for r in session.store(WINDOWS).rows if "refused" in r.failure}
+    return Scope(participants, cases, last, starts, runs, budget, again)
+
+
+def times(session: Session) -> None:
+    """Times of a frame that the session's store lacks, and of what was refused before."""
+    whole, timed = scope(session), session.store(COST)
+    if session.about["omp_num_threads"] != "1":
+        print("OMP_NUM_THREADS is not 1: times may not be of one thread")
+    for cases in progress(whole.cases, "times", unit="scene", name=lambda one: one[0].scene):
+        windows = whole.windows(cases, session.cache("truth"))
+        name, shape = windows.scene.name, windows.scene.grid.shape
+        for batch, threads in ((1, 1), (BATCH, 1), (BATCH, 2)):
+            missing = [
+                p
+                for p in whole.participants
+                if p.family != ORACLE and (batch == 1 or p.family in THREADED)
+                if (name, *shape, p.family, p.text, batch, threads) not in timed
+                or (name, p.family, p.text) in whole.again
+            ]
+            if missing:
+                count, run_ms = whole.runs if batch == 1 else 3, RUN_MS * whole.budget / BUDGET
+                timed.add(*costs(missing, windows, batch=batch, threads=threads, runs=count, run_ms=run_ms))
+
+
+def measure(session: Session) -> None:
+    """Errors and long runs of every scene, and what they amount to with the times."""
+    whole = scope(session)
+    for cases in whole.cases:
+        score(session, whole, cases)
     rows = summaries(*(session.store(stem).rows for stem in (WINDOWS, COST, LONG)))
     session.store(STEM).replace(rows)
     session.store(SPEEDUP).replace(speedups(rows))
+
+
+def score(session: Session, whole: Scope, cases: Sequence[Case]) -> None:
+    """Errors and long runs of one scene that the stores lack, and of what was refused before."""
+    cache, budget = session.cache("truth"), whole.budget
+    windows, long = whole.windows(cases, cache), gather(cases, (0,), whole.last, range(whole.last + 1), cache)
+    scored, longs, name, shape = session.store(WINDOWS), session.store(LONG), cases[0].scene, windows.scene.grid.shape
+    taken = {(c.family, c.options): c.ms_median for c in session.store(COST).rows if (c.scene, c.batch) == (name, 1)}
+    for participant in progress([truth(TRUTH), *whole.participants], name, unit="method", name=lambda p: p.label):
+        own, floor = (participant.family, participant.text), participant.family == FLOOR
+        ms, again = taken.get(own, float("nan")), (name, *own) in whole.again
+        if ms > TOO_SLOW:
+            say(f"{name}: {participant.label} takes {ms:.0f} ms a frame: left out")
+            continue
+        threads = (os.cpu_count() or 1) if floor else 1  # as slow as the truth
+        count = len(long.seeds) if floor else affordable(ms, len(windows.controls), len(windows.seeds), budget)
+        part = windows.first(max(1, count))
+        keys = [(name, *shape, *own, seed, frames, part.key) for seed in set(part.seeds) for frames in HORIZONS]
+        if again or not all(key in scored for key in keys):
+            scored.add(*errors(participant, part, threads))
+        count = FLOOR_RUNS if floor else affordable(ms, len(long.controls), len(long.seeds), budget)
+        run = long.first(count) if count else long.first(1).until(gate_frames(long.scene))
+        keys = [(name, *shape, *own, seed, len(run.controls), long.key) for seed in run.seeds]
+        if again or not all(key in longs for key in keys):
+            longs.add(*long_runs(participant, run, threads))
 
 
 BENCHMARK = Benchmark(
@@ -140,6 +169,7 @@ BENCHMARK = Benchmark(
         ),
     ],
     measure=measure,
+    times=times,
     charts={
         STEM: f"All scenes: error after {OVERVIEW_FRAMES} frames against milliseconds a frame, by method",
         **{f"{STEM}_{s.lower()}": f"{s}: errors against milliseconds a frame, by method" for s in SCENES},

@@ -22,7 +22,7 @@ FITTED = ("miniature calibrated", "calibrated + offset")
 # What a method is compared with -> families; each takes in those before.
 BASELINES = {"solvers": SOLVERS, "coarser grids": SOLVERS + COARSE, "fitted springs": SOLVERS + COARSE + FITTED}
 METHODS = (
-    *("miniature calibrated", "calibrated ridge", "calibrated local", "miniature closure", "closure local"),
+    *("miniature calibrated", "calibrated ridge", "calibrated local", "miniature closure", "miniature"),
     *("closure learned", "cnn"),
 )
 

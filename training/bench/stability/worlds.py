@@ -22,8 +22,7 @@ LENGTHS = (25, 50, 100, 150, 250)  # frames; the longest is ten times the longes
 BALL_END, BALL_WAY = 0.3, 0.6  # m: where a shot ball stops (y), and least way of its front before it is half through
 BALL_SPEED, BALL_RADIUS = 4.0, 0.2  # m/s, m: of the axis that does not vary it
 FREE_SPEED = 1.0  # m/s, root mean square of what a free cloth starts with
-FOLDED = ("Curtain", "Flag", "Hanging", "BallDrop")  # scenes that fold onto themselves
-POLICIES = ("zero", "smooth", "bang-bang", "random", "alternating")
+POLICIES = ("zero", "smooth", "bang-bang", "random", "alternating")  # bang-bang and random ones have axes of their own
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +42,13 @@ class Base(NamedTuple):
     coarse: float = 1.0
 
 
-def episode(base: Base, frames: int, policy: str = "smooth", self_contact: bool | None = None) -> Stage:
+def episode(base: Base, frames: int, policy: str = "smooth") -> Stage:
     """An episode's start and controls.
 
     Controls follow from handles, bodies, time and actions alone, so no cloth is computed for them.
     """
     shape = coarser(load_task(base.scene).resolution, base.coarse)
-    world = World(base.scene, resolution=shape, self_contact=self_contact)
+    world = World(base.scene, resolution=shape)
     world.reset({0: np_random(base.seed)[0]})
     scene, start, now = world.scene, world.state.copy(), world.state.astype(np.float64)
     scripted, size = [], len(world.task.actions)
@@ -200,17 +199,16 @@ AXES: dict[str, Axis] = {
         label="{:g}".format, cut=True,
     ),
     "actions": Axis(
-        "actions", range(len(POLICIES)), lambda base, level: _plain(base, POLICIES[round(level)]),
+        "actions", (0, 1, 4), lambda base, level: _plain(base, POLICIES[round(level)]),
         label=lambda level: POLICIES[round(level)], usual=tuple(SCENES),
     ),
     "random": Axis(
-        "random actions at every frame [frames]", (10, 25, 50, 100, 150),
+        "random actions at every frame [frames]", (10, 25, 50, 100),
         lambda base, level: episode(base, round(level), "random"), label="{:g}".format, cut=True, usual=tuple(SCENES),
     ),
-    "folds": Axis(
-        "folds in each other, bang-bang actions [frames]", LENGTHS,
-        lambda base, level: episode(base, round(level), "bang-bang", self_contact=True),
-        FOLDED, "{:g}".format, cut=True,
+    "bang-bang": Axis(
+        "bang-bang actions [frames]", (25, 50, 100, 200), lambda base, level: episode(base, round(level), "bang-bang"),
+        label="{:g}".format, cut=True, usual=tuple(SCENES),
     ),
     "wind": Axis("wind speed", (0, 1 / 2, 1, 3 / 2, 2, 3), _changed(_wind), ("Flag",)),
     "direction": Axis("wind turned [degrees]", (0, 45, 90, 135, 180), _changed(_turned), ("Flag",), "{:g}".format),

@@ -13,23 +13,25 @@ from training.bench.charts import SOFT, dress, grid, legend, save
 
 STEM = "transfer"
 REFERENCE, ZERO, RANDOM = "reference", "zero action", "random action"
+CMA_ES, PPO = "CMA-ES", "PPO"
 # Okabe & Ito (2008), as the other charts have them.
-KNOWN = {REFERENCE: "#0072B2", "similar": "#E69F00", "calibrated": "#D55E00", "closure": "#000000"}
-KNOWN["closure local"] = "#CC79A7"
+KNOWN = {REFERENCE: "#0072B2", "similar": "#E69F00", "miniature": "#000000"}
 MARKERS = {"": "o", "2": "s", "4": "^", "4 longer": "*"}
 FLOORS = {ZERO: (0, (4, 2)), RANDOM: (0, (1, 2))}
 APART = 0.03  # of the axis: where times are nearly equal, points are moved this far apart
 TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500)  # s
 NOTE = (
-    "The same policy and seeds for all, {0} episodes ({1}: longer). Filled: reward on the reference, bars 95 % over "
-    "seeds and trainings. Hollow: on the backend that it was trained on. Upper left is better. Points of nearly "
-    "equal time are moved apart."
+    "In a panel all have the same policy, seeds and episodes (longer: 4 times as many). Filled: reward on the "
+    "reference, bars 95 % over seeds and trainings. Hollow: on the backend that it was trained on. Upper left is "
+    "better. Points of nearly equal time are moved apart."
 )
 
 
 @dataclass(frozen=True)
 class TrainingRow:
-    """One training: on what (``policy``), how many episodes of how many frames, its time, and what it found."""
+    """One training: on what (``policy``), how many episodes of how many frames, its time, what it found (the network of
+    PPO is not kept), and by which ``learner``.
+    """
 
     scene: str
     rows: int
@@ -41,6 +43,7 @@ class TrainingRow:
     wall_s: float
     processor_s: float
     weights: str
+    learner: str = CMA_ES
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,7 @@ class EpisodeRow:
     seed: int
     reward: float
     failed: int
+    learner: str = CMA_ES
 
 
 @dataclass(frozen=True)
@@ -63,9 +67,9 @@ class TransferRow:
     """A policy's rewards per frame on the reference and on its own backend, with half widths of 95 % intervals over
     seeds and trainings. Time is the median of the trainings.
 
-    ``gap`` is the reward on the reference less that of the policy trained there, over what the latter earns
-    more than no action. ``flattery`` is the reward on its own backend less that on the reference. ``failed`` counts
-    episodes on the reference.
+    ``gap`` is the reward on the reference less that of the policy which the same ``learner`` trained there, over what
+    the latter earns more than no action. ``flattery`` is the reward on its own backend less that on the reference.
+    ``failed`` counts episodes on the reference.
     """
 
     scene: str
@@ -84,6 +88,7 @@ class TransferRow:
     gap: float
     gap_half: float
     failed: int
+    learner: str = CMA_ES
 
 
 NUMBERS = [name for name, kind in get_type_hints(TransferRow).items() if kind is float]
@@ -103,33 +108,39 @@ def half_width(seeds: np.ndarray, *trainings: np.ndarray) -> float:
 
 
 def summaries(trainings: Sequence[TrainingRow], episodes: Sequence[EpisodeRow]) -> list[TransferRow]:
-    """One row for each scene and policy of one resolution; what a stopped run left unfinished is passed over."""
-    rewards: dict[tuple[str, str, str], dict[tuple[int, int], float]] = {}
+    """One row for each scene, learner and policy of one resolution; what a stopped run left unfinished is passed over.
+
+    No action and random actions are told once, as of the learner that comes first.
+    """
+    rewards: dict[tuple[str, str, str, str], dict[tuple[int, int], float]] = {}
     for e in episodes:
-        rewards.setdefault((e.scene, e.policy, e.scored_on), {})[e.repetition, e.seed] = e.reward
+        rewards.setdefault((e.scene, e.learner, e.policy, e.scored_on), {})[e.repetition, e.seed] = e.reward
     scores = {}
     for key, found in rewards.items():
         rows, cols = (sorted({k[i] for k in found}) for i in (0, 1))
         if len(found) == len(rows) * len(cols):
             scores[key] = np.array([[found[row, col] for col in cols] for row in rows])  # (R, S)
     out = []
-    for scene, policy in dict.fromkeys((e.scene, e.policy) for e in episodes):
-        if not {(scene, p, REFERENCE) for p in (policy, ZERO, REFERENCE)} <= scores.keys():
+    for scene, learner, policy in dict.fromkeys((e.scene, e.learner, e.policy) for e in episodes):
+        keys = [(scene, learner, p, REFERENCE) for p in (policy, REFERENCE)] + [(scene, CMA_ES, ZERO, REFERENCE)]
+        if not set(keys) <= scores.keys():
             continue
-        there = scores[scene, policy, REFERENCE]
-        own = scores.get((scene, policy, policy), there)
-        best, nothing = scores[scene, REFERENCE, REFERENCE], scores[scene, ZERO, REFERENCE]
+        there, best, nothing = (scores[key] for key in keys)
+        own = scores.get((scene, learner, policy, policy), there)
         scale = best.mean() - nothing.mean()
         gap_half = half_width(there.mean(0) - best.mean(0), there.mean(1), best.mean(1)) / abs(scale)
         gap = (there.mean() - best.mean()) / scale, gap_half if policy != REFERENCE else 0.0
-        mine = [t for t in trainings if (t.scene, t.policy) == (scene, policy)]
+        mine = [t for t in trainings if (t.scene, t.learner, t.policy) == (scene, learner, policy)]
         times = [np.median([getattr(t, name) for t in mine]) if mine else 0.0 for name in ("wall_s", "processor_s")]
         means = [x for r in (there, own, own - there) for x in (r.mean(), half_width(r.mean(0), r.mean(1)))]
         values = zip(NUMBERS, (*times, *means, *gap), strict=True)
         numbers: dict[str, Any] = {name: float(f"{value:.4g}") for name, value in values}
-        failed = sum(e.failed for e in episodes if (e.scene, e.policy, e.scored_on) == (scene, policy, REFERENCE))
-        count = mine[0].episodes if mine else 0
-        out.append(TransferRow(scene, policy, len(mine), count, seeds=there.shape[1], failed=failed, **numbers))
+        played = [e for e in episodes if (e.scene, e.learner, e.policy, e.scored_on) == (*keys[0][:3], REFERENCE)]
+        count, failed = mine[0].episodes if mine else 0, sum(e.failed for e in played)
+        row = TransferRow(
+            scene, policy, len(mine), count, seeds=there.shape[1], failed=failed, learner=learner, **numbers
+        )
+        out.append(row)
     return out
 
 
@@ -138,7 +149,7 @@ def table(rows: Sequence[TransferRow]) -> str:
     lines = []
     for scene in dict.fromkeys(r.scene for r in rows):
         lines.append(
-            f"\n{scene:26s}{'episodes':>9s}{'seconds':>9s}{'on the reference':>18s}{'on its own':>16s}{'flattery':>18s}"
+            f"\n{scene:34s}{'episodes':>9s}{'seconds':>9s}{'on the reference':>18s}{'on its own':>16s}{'flattery':>18s}"
             f"{'gap':>16s}"
         )
         for r in (r for r in rows if r.scene == scene):
@@ -148,7 +159,8 @@ def table(rows: Sequence[TransferRow]) -> str:
             if r.policy in (REFERENCE, ZERO, RANDOM):
                 own = flattery = ""
             bad = f"  {r.failed} failed" if r.failed else ""
-            lines.append(f"{r.policy:26s}{trained}{there:>18s}{own:>16s}{flattery:>18s}{gap:>16s}{bad}")
+            name = f"{r.policy}, {r.learner}" if r.trainings else r.policy
+            lines.append(f"{name:34s}{trained}{there:>18s}{own:>16s}{flattery:>18s}{gap:>16s}{bad}")
     return "\n".join(lines)
 
 
@@ -175,26 +187,27 @@ def panel(axes: Any, rows: Sequence[TransferRow], colors: Mapping[str, str]) -> 
         handles[r.policy] = axes.axhline(r.reference, color=SOFT, ls=FLOORS[r.policy], lw=1.0, zorder=1)
     axes.set(xlim=(10**left, 10**right), ylim=(0, 1.08 * max(max(r.reference + r.reference_half, r.own) for r in rows)))
     axes.set_xticks([tick for tick in TICKS if 10**left <= tick <= 10**right])
-    dress(axes, rows[0].scene)
     return handles
 
 
 def draw(rows: Mapping[str, Sequence[TransferRow]], folder: Path, setup: str) -> None:
-    """A panel a scene: reward on the reference against training time."""
+    """A panel a scene and learner: reward on the reference against training time."""
     mine = rows.get(STEM, ())
-    names = list(dict.fromkeys(r.scene for r in mine))
-    if not names:
+    shown = list(dict.fromkeys((r.scene, r.learner) for r in mine if r.trainings))
+    if not shown:
         return
-    figure, panels = grid(len(names), "mean reward per frame")
+    figure, panels = grid(len(shown), "mean reward per frame")
     others = dict.fromkeys(r.policy.partition(" x")[0] for r in mine if r.trainings)  # some that --backend named
     colors = {name: COLORS[i % len(COLORS)] for i, name in enumerate(others)} | KNOWN
     handles: dict[str, Any] = {}
-    for axes, name in zip(panels, names, strict=False):
-        handles |= panel(axes, [r for r in mine if r.scene == name], colors)
-    if len(panels) > len(names):
+    for axes, (scene, learner) in zip(panels, shown, strict=False):
+        there = [r for r in mine if r.scene == scene and (r.learner == learner or not r.trainings)]
+        handles |= panel(axes, there, colors)
+        episodes = min(r.episodes for r in there if r.trainings)
+        dress(axes, f"{scene}, {learner}, {episodes} episodes")
+    if len(panels) > len(shown):
         legend(panels[-1], handles, (), "center left", 1)
     else:
         legend(figure, handles, (), "outside upper center", 4)
     figure.supxlabel("processor time of a training, one thread [s]", fontsize=8.5, color=INK)
-    episodes = [r.episodes for r in mine if r.trainings]
-    save(figure, f"{setup}. {NOTE.format(min(episodes), max(episodes))}", folder, STEM)
+    save(figure, f"{setup}. {NOTE}", folder, STEM)

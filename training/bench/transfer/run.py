@@ -1,14 +1,16 @@
 """``minicloth bench transfer``: what a policy trained on a surrogate earns on the reference, beside one trained there.
 
-Every participant trains the same small policy with the same episodes, seeds and candidates (``policies``),
-several times. Each policy then plays held-out seeds on the reference, and on its own backend: one that exploits its
-surrogate earns more there. Run it with OMP_NUM_THREADS=1.
+Every participant trains the same policy with the same episodes, seeds and noise, several times: a small one by
+evolution (``policies``), and a network by proximal policy optimisation (``ppo``). Each then plays held-out seeds on the
+reference, and on its own backend: one that exploits its surrogate earns more there. Run it with OMP_NUM_THREADS=1.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from time import perf_counter, process_time
 
 import numpy as np
+import torch
 
 from cloth_envs.grid import coarser
 from cloth_envs.progress import progress
@@ -16,17 +18,51 @@ from cloth_envs.registry import load_task
 from cloth_envs.world import World
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.participants import TRANSFER, Participant, extra
-from training.bench.transfer import results
+from training.bench.transfer import ppo, results
 from training.bench.transfer.policies import FORMS, train
-from training.bench.transfer.results import RANDOM, REFERENCE, STEM, ZERO, EpisodeRow, TrainingRow, TransferRow
+from training.bench.transfer.results import (
+    CMA_ES,
+    PPO,
+    RANDOM,
+    REFERENCE,
+    STEM,
+    ZERO,
+    EpisodeRow,
+    TrainingRow,
+    TransferRow,
+)
 from training.rollouts import play
+from training.rows import read_names
 
 DURATION = 2.0  # s of an episode; the scenes' own last 4-8 s
 POPULATION, EPISODES, GENERATIONS = 8, 2, 10
-REPETITIONS, HELD_OUT = 3, range(16)  # training starts at FIRST_SEED
-LONGER = {"closure local x4 longer": (4, 2)}  # times the episodes and the generations, as it is cheap
+REPETITIONS, HELD_OUT = {CMA_ES: 3, PPO: 2}, range(16)  # training starts at FIRST_SEED
+LONGER = {"miniature x4 longer": (2, 2)}  # times the episodes and the generations, as it is cheap
+MEMBERS = 32  # that PPO plays at once
+NETWORKS = ("reference", "miniature x2", "miniature x4")  # what PPO trains on, and what --backend names
+SCENES = ("Curtain", "Collision")  # Flag's rewards hardly tell policies apart, the others take twice the time or more
 TRAININGS, EPISODE_STEM = "transfer_trainings", "transfer_episodes"
-TRAINING_KEY = ("scene", "rows", "cols", "policy", "repetition")
+TRAINING_KEY = ("scene", "rows", "cols", "learner", "policy", "repetition")
+Act = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Work:
+    """How much is done, on grids ``coarse`` times coarser than the scenes' own."""
+
+    coarse: int
+    generations: int
+    recipe: ppo.Recipe
+    seeds: Sequence[int]
+
+
+FULL = Work(1, GENERATIONS, ppo.Recipe(), HELD_OUT)
+QUICK = Work(4, 3, ppo.Recipe(updates=2), HELD_OUT[:4])
+
+
+def frames_of(scene: str) -> int:
+    """Frames of an episode."""
+    return round(DURATION / load_task(scene).frame_dt)
 
 
 def make_world(scene: str, participant: Participant, members: int, coarse: int) -> World:
@@ -35,60 +71,75 @@ def make_world(scene: str, participant: Participant, members: int, coarse: int) 
     return World(scene, num_envs=members, backend=participant.backend, backend_kwargs=kwargs, resolution=shape)
 
 
-def trained(scene: str, participant: Participant, repetition: int, coarse: int, generations: int) -> TrainingRow:
-    """One training, timed."""
-    times, more = LONGER.get(participant.label, (1, 1))
-    episodes, frames = POPULATION * EPISODES * times, round(DURATION / load_task(scene).frame_dt)
-    wall, processor = perf_counter(), process_time()
-    world = make_world(scene, participant, episodes, coarse)
-    counts = {"frames": frames, "generations": generations * more, "population": POPULATION}
-    weights = train(world, FORMS[scene], **counts, seed=repetition)
+def trained(scene: str, one: Participant, learner: str, repetition: int, work: Work) -> tuple[TrainingRow, Act]:
+    """One training, timed, and what acts by it."""
+    times, more = LONGER.get(one.label, (1, 1))
+    members = MEMBERS if learner == PPO else POPULATION * EPISODES * times
+    frames, wall, processor = frames_of(scene), perf_counter(), process_time()
+    world, text = make_world(scene, one, members, work.coarse), ""
+    act: Act
+    if learner == PPO:
+        act, played = ppo.train(world, work.recipe, frames=frames, seed=repetition).act, members * work.recipe.updates
+    else:
+        counts = {"frames": frames, "generations": work.generations * more, "population": POPULATION}
+        weights = train(world, FORMS[scene], **counts, seed=repetition)
+        act, played = by_weights(scene, weights), members * work.generations * more
+        text = " ".join(f"{w:.6g}" for w in weights)
     taken = round(perf_counter() - wall, 3), round(process_time() - processor, 3)
-    played, text = episodes * generations * more, " ".join(f"{w:.6g}" for w in weights)
-    return TrainingRow(scene, *world.scene.grid.shape, participant.label, repetition, played, frames, *taken, text)
+    shape = world.scene.grid.shape
+    return TrainingRow(scene, *shape, one.label, repetition, played, frames, *taken, text, learner), act
 
 
-def actor(policy: str, training: TrainingRow | None, world: World) -> Callable[[np.ndarray], np.ndarray]:
-    """Actions for the batch of ``world`` by a trained policy, or by none."""
-    size = (world.num_envs, len(world.task.actions))
-    if training is not None:
-        weights = np.tile(np.array(training.weights.split(), float), (world.num_envs, 1))
-        return lambda obs: FORMS[training.scene].act(obs, weights)
+def by_weights(scene: str, weights: np.ndarray) -> Act:
+    """What a small policy does for a batch of any size."""
+    return lambda obs: FORMS[scene].act(obs, np.tile(weights, (len(obs), 1)))
+
+
+def untrained(policy: str, actions: int) -> Act:
+    """No action, or random ones."""
     rng = np.random.default_rng(0)
-    return lambda obs: rng.uniform(-1, 1, size) if policy == RANDOM else np.zeros(size)
+    return lambda obs: rng.uniform(-1, 1, (len(obs), actions)) if policy == RANDOM else np.zeros((len(obs), actions))
 
 
-def fill(session: Session, scene: str, coarse: int, generations: int, seeds: Sequence[int]) -> None:
+def fill(session: Session, scene: str, work: Work) -> None:
     """Train and score what the session's stores lack of one scene."""
-    trainings, episodes = session.store(TRAININGS), session.store(EPISODE_STEM)
-    where, frames = (scene, *coarser(load_task(scene).resolution, coarse)), round(DURATION / load_task(scene).frame_dt)
-    by_name = {p.label: p for p in (*TRANSFER, *extra(session.given.backend))}
-    jobs = [(name, k) for k in range(REPETITIONS) for name in by_name]  # in turn: a busy moment hits all alike
-    for name, k in progress(jobs, f"{scene}, training", unit="training"):
-        if (*where, name, k) not in trainings:
-            trainings.add(trained(scene, by_name[name], k, coarse, generations))
-    found = {(t.policy, t.repetition): t for t in trainings.rows if (t.scene, t.rows, t.cols) == where}
-    runs = [(policy, 0, REFERENCE) for policy in (ZERO, RANDOM)]
-    runs += [(name, k, REFERENCE) for name, k in jobs] + [(name, k, name) for name, k in jobs if name != REFERENCE]
+    trainings, episodes, seeds = session.store(TRAININGS), session.store(EPISODE_STEM), work.seeds
+    where, frames = (scene, *coarser(load_task(scene).resolution, work.coarse)), frames_of(scene)
+    others = extra(session.given.backend)
+    by_name = {p.label: p for p in (*TRANSFER, *others)}
+    names = {CMA_ES: list(by_name), PPO: [*NETWORKS, *(p.label for p in others)]}
     worlds: dict[str, World] = {}
-    for policy, k, on in progress(runs, f"{scene}, scoring", unit="run"):
-        if all((*where, policy, k, on, seed) in episodes for seed in seeds):
-            continue
-        world = worlds.setdefault(on, make_world(scene, by_name[on], len(seeds), coarse))
-        rewards, failed = play(world, actor(policy, found.get((policy, k)), world), seeds, frames)
-        scores = zip(seeds, rewards.tolist(), failed.tolist(), strict=True)
-        episodes.add(*(EpisodeRow(*where, policy, k, on, seed, round(r, 5), int(bad)) for seed, r, bad in scores))
+
+    def score(learner: str, policy: str, k: int, on: str, act: Act) -> None:
+        world = worlds.setdefault(on, make_world(scene, by_name[on], len(seeds), work.coarse))
+        rewards, failed = play(world, act, seeds, frames)
+        found = zip(seeds, rewards.tolist(), failed.tolist(), strict=True)
+        episodes.add(*(EpisodeRow(*where, policy, k, on, s, round(r, 5), int(bad), learner) for s, r, bad in found))
+
+    size = len(load_task(scene).actions)
+    for policy in (ZERO, RANDOM):
+        if (*where, CMA_ES, policy, 0, REFERENCE, seeds[-1]) not in episodes:
+            score(CMA_ES, policy, 0, REFERENCE, untrained(policy, size))
+    # In turn: a busy moment hits all alike. A training is kept when it is scored, for networks are not.
+    asked = read_names(session.given.learners, list(names), "learner")
+    jobs = [(learner, name, k) for learner in asked for k in range(REPETITIONS[learner]) for name in names[learner]]
+    for learner, name, k in progress(jobs, scene, unit="training", name=lambda job: f"{job[0]} {job[1]}"):
+        if (*where, learner, name, k) not in trainings:
+            row, act = trained(scene, by_name[name], learner, k, work)
+            for on in dict.fromkeys((REFERENCE, name)):
+                score(learner, name, k, on, act)
+            trainings.add(row)
 
 
 def measure(session: Session) -> None:
     """All scenes that the session asks for; of a quick one the first, on a coarse grid, for few generations."""
-    coarse, generations, seeds = (4, 3, HELD_OUT[:4]) if session.quick else (1, GENERATIONS, HELD_OUT)
-    session.about |= {"threads": 1, "episode_s": DURATION, "population": POPULATION}
-    session.about |= {"repetitions": REPETITIONS, "held_out": list(seeds)}
+    work = QUICK if session.quick else FULL
+    session.about |= {"threads": 1, "episode_s": DURATION, "population": POPULATION, "members": MEMBERS}
+    session.about |= {"repetitions": REPETITIONS, "held_out": list(work.seeds), "ppo": asdict(work.recipe)}
+    torch.set_num_threads(1)
     for scene in session.scenes[:1] if session.quick else session.scenes:
-        fill(session, scene, coarse, generations, seeds)
-    rows = results.summaries(session.store(TRAININGS).rows, session.store(EPISODE_STEM).rows)
-    session.store(STEM).replace(rows)
+        fill(session, scene, work)
+    session.store(STEM).replace(results.summaries(session.store(TRAININGS).rows, session.store(EPISODE_STEM).rows))
 
 
 BENCHMARK = Benchmark(
@@ -101,7 +152,9 @@ BENCHMARK = Benchmark(
     },
     parts=[Part("Rewards a frame", (STEM,), results.table)],
     measure=measure,
-    scenes=("Curtain", "Flag", "Collision"),  # the cheapest; the others are of the same kind, twice as long together
+    scenes=SCENES,
+    pieces=[("--scenes", scene, "--learners", learner) for learner in (PPO, CMA_ES) for scene in SCENES],
     charts={STEM: "Reward on the reference against training time, by what the policy was trained on"},
     draw=results.draw,
+    options=lambda parser: parser.add_argument("--learners", default=f"{CMA_ES},{PPO}", help="default %(default)s"),
 )

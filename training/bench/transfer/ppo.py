@@ -1,0 +1,156 @@
+"""Proximal policy optimisation (Schulman et al. 2017, arXiv:1707.06347) of a small network, as one visible loop.
+
+Every update plays one episode of each member, from seeds that no other update has, and goes over it in shuffled
+minibatches. Observations are scaled by their running mean and spread, rewards by the spread of their discounted sums.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import torch
+from gymnasium.utils.seeding import np_random
+from torch import Tensor, nn
+
+from cloth_envs.world import World
+from training.bench.transfer.policies import FIRST_SEED
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How it is run: ``discount`` and ``trace`` (lambda) of advantages, ``clip`` of the ratio of probabilities, weight
+    of the ``value`` loss, ``largest`` norm of a gradient, ``spread`` of actions at first.
+    """
+
+    updates: int = 32
+    epochs: int = 20
+    minibatch: int = 400
+    rate: float = 1e-3
+    discount: float = 0.9
+    trace: float = 0.9
+    clip: float = 0.2
+    value: float = 0.5
+    largest: float = 0.5
+    spread: float = 0.6
+
+
+class Running:
+    """Mean and variance of all rows that it was shown, column by column (Chan, Golub & LeVeque 1979)."""
+
+    def __init__(self, size: int) -> None:
+        self.count, self.mean, self.square = 0, np.zeros(size), np.zeros(size)
+
+    def add(self, rows: np.ndarray) -> None:
+        """``(N, size)`` more."""
+        both, off = self.count + len(rows), rows.mean(0) - self.mean
+        self.square = self.square + ((rows - rows.mean(0)) ** 2).sum(0) + off**2 * self.count * len(rows) / both
+        self.mean, self.count = self.mean + off * len(rows) / both, both
+
+    @property
+    def spread(self) -> np.ndarray:
+        """The standard deviation, kept off zero."""
+        return np.sqrt(self.square / max(self.count, 1) + 1e-8)
+
+
+def network(*sizes: int, last: float) -> nn.Sequential:
+    """Layers with tanh between them, orthogonal at first; the last one's gain is ``last``."""
+    layers: list[nn.Module] = []
+    for into, out in pairwise(sizes):
+        layer = nn.Linear(into, out)
+        nn.init.orthogonal_(layer.weight, last if out == sizes[-1] else 2**0.5)
+        nn.init.zeros_(layer.bias)
+        layers += [layer, nn.Tanh()]
+    return nn.Sequential(*layers[:-1])
+
+
+class Agent(nn.Module):
+    """A Gaussian around what a network of 64 x 64 says of scaled observations, and such a network for their values."""
+
+    def __init__(self, observed: int, actions: int, spread: float) -> None:
+        super().__init__()
+        self.seen = Running(observed)
+        self.actor, self.critic = network(observed, 64, 64, actions, last=0.01), network(observed, 64, 64, 1, last=1.0)
+        self.log_spread = nn.Parameter(torch.full((actions,), float(np.log(spread))))
+
+    def scaled(self, obs: np.ndarray) -> Tensor:
+        """What the networks are given."""
+        return torch.as_tensor(np.clip((obs - self.seen.mean) / self.seen.spread, -10, 10), dtype=torch.float32)
+
+    def log_probability(self, scaled: Tensor, actions: Tensor) -> Tensor:
+        """Of actions ``(..., A)``, but for a constant."""
+        off = (actions - self.actor(scaled)) / self.log_spread.exp()
+        return -(off**2 / 2 + self.log_spread).sum(-1)
+
+    @torch.no_grad()
+    def act(self, obs: np.ndarray) -> np.ndarray:
+        """The middle of the Gaussian within bounds, ``(B, A)``."""
+        middle: Tensor = self.actor(self.scaled(obs))
+        return middle.clamp(-1, 1).double().numpy()
+
+
+def advantages(rewards: Tensor, values: Tensor, alive: Tensor, recipe: Recipe) -> Tensor:
+    """Generalised advantages (Schulman et al. 2016, arXiv:1506.02438), ``(T, B)``.
+
+    ``values`` ``(T + 1, B)`` go on behind the last frame, where an episode is cut and not over; nothing follows a frame
+    after which a member is not ``alive`` ``(T, B)``.
+    """
+    out, ahead = torch.zeros_like(rewards), torch.zeros_like(rewards[0])
+    for t in reversed(range(len(rewards))):
+        surprise = rewards[t] + recipe.discount * values[t + 1] * alive[t] - values[t]
+        ahead = surprise + recipe.discount * recipe.trace * alive[t] * ahead
+        out[t] = ahead
+    return out
+
+
+def train(
+    world: World, recipe: Recipe, *, frames: int, seed: int, tell: Callable[[int, float], None] = lambda *_: None
+) -> Agent:
+    """An agent after all updates of episodes of ``frames``; its seeds and noise follow from ``seed``.
+
+    ``tell`` is given the number of every update and the mean reward a frame in it.
+    """
+    members, noise = world.num_envs, torch.Generator().manual_seed(seed)
+    with torch.random.fork_rng():
+        torch.manual_seed(seed)
+        world.reset({i: np_random(i)[0] for i in range(members)})
+        agent = Agent(world.observe().shape[1], len(world.task.actions), recipe.spread)
+    optimizer, earned = torch.optim.Adam(agent.parameters(), lr=recipe.rate, eps=1e-5), Running(1)
+    for update in range(recipe.updates):
+        optimizer.param_groups[0]["lr"] = recipe.rate * (1 - update / recipe.updates)
+        first = FIRST_SEED * (seed + 1) + update * members
+        world.reset({i: np_random(first + i)[0] for i in range(members)})
+        obs, sums, alive, total, played = world.observe(), np.zeros(members), np.ones(members, bool), 0.0, []
+        for _ in range(frames):
+            agent.seen.add(obs)
+            scaled, before = agent.scaled(obs), torch.as_tensor(alive)
+            with torch.no_grad():
+                drawn = torch.randn((members, agent.log_spread.numel()), generator=noise)
+                actions = agent.actor(scaled) + agent.log_spread.exp() * drawn
+                told = agent.log_probability(scaled, actions)
+            rewards, reasons = world.step(actions.clamp(-1, 1).double().numpy())
+            alive = alive & [reason is None for reason in reasons]
+            sums = recipe.discount * sums + rewards
+            earned.add(sums[:, None])
+            total += float((rewards * alive).mean()) / frames
+            gained = torch.as_tensor(rewards / earned.spread, dtype=torch.float32)
+            played.append((scaled, actions, told, gained, torch.as_tensor(alive, dtype=torch.float32), before))
+            obs = world.observe()
+        tell(update, total)
+        scaled, actions, told, gained, going, counts = (torch.stack(column) for column in zip(*played, strict=True))
+        with torch.no_grad():
+            values = agent.critic(torch.cat([scaled, agent.scaled(obs)[None]]))[..., 0]
+        gains = advantages(gained, values, going, recipe)
+        data = [part[counts] for part in (scaled, actions, told, gains, gains + values[:-1])]
+        for _ in range(recipe.epochs):
+            for rows in torch.split(torch.randperm(len(data[0]), generator=noise), recipe.minibatch):
+                x, a, old, gain, goal = (part[rows] for part in data)
+                gain = (gain - gain.mean()) / (gain.std() + 1e-8)
+                ratio = (agent.log_probability(x, a) - old).exp()
+                better = torch.minimum(ratio * gain, ratio.clamp(1 - recipe.clip, 1 + recipe.clip) * gain).mean()
+                loss = recipe.value * ((agent.critic(x)[:, 0] - goal) ** 2).mean() - better
+                optimizer.zero_grad()
+                loss.backward()
+                nn.utils.clip_grad_norm_(agent.parameters(), recipe.largest)
+                optimizer.step()
+    return agent
