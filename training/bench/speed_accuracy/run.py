@@ -1,8 +1,7 @@
 """``minicloth bench speed-accuracy``: error against wall-clock time a frame, every method swept into a curve.
 
-Short windows restart every method from the truth; its error is scored after 1, 5, 10 and 25 frames. Long runs are
-compared by statistics. Rows that are in --out already are kept; --fresh measures again. Run it with OMP_NUM_THREADS=1:
-times are of one thread.
+Short windows restart every method from the truth; its error is scored after 1, 5, 10 and 25 frames. Rows that are in
+--out already are kept; --fresh measures again. Run it with OMP_NUM_THREADS=1: times are of one thread.
 """
 
 import multiprocessing
@@ -19,7 +18,7 @@ from training.bench.clock import RUN_MS, RUNS, SLOW, TOO_SLOW, CostRow, costs
 from training.bench.measure import ERROR_KEY, HORIZONS, ErrorRow, Windows, errors, gather
 from training.bench.participants import FAMILIES, FLOOR, ORACLE, THREADED, Participant, extra, swept, truth
 from training.bench.speed_accuracy.chart import OVERVIEW_FRAMES, STEM, draw
-from training.bench.speed_accuracy.rows import LongRow, SpeedAccuracyRow, gate_frames, long_runs, summaries, table
+from training.bench.speed_accuracy.rows import GateRow, SpeedAccuracyRow, gate_frames, gates, summaries, table
 from training.bench.speed_accuracy.speedup import SpeedUpRow, speedups
 from training.bench.speed_accuracy.speedup import table as speedup_table
 from training.rows import read_names
@@ -28,12 +27,11 @@ from training.truth import Case, load
 SEEDS = (200, 201, 202, 203, 204)  # held out: the miniature was calibrated on 100..103
 FRAMES, STARTS = 125, (25, 50, 100)  # of an episode's truth; frames at which the windows begin
 TRUTH = "fine"  # finer than G1: explicit at a quarter of its step would be compared with itself
-# Seconds for one method's windows of a scene, and for its long runs. Slower ones do less: at least one window and the
-# frames of the height gate; the rows say how many.
+# Seconds for one method's windows of a scene, and for its falls. Slower ones do less: at least one of both; the rows
+# say how many.
 BUDGET, QUICK_BUDGET = 8.0, 0.4
 BATCH = 16
-FLOOR_RUNS = 2  # long runs of the chaos floor
-WINDOWS, COST, LONG, SPEEDUP = (f"{STEM}_{name}" for name in ("windows", "cost", "long", "speedup"))
+WINDOWS, COST, FALLS, SPEEDUP = (f"{STEM}_{name}" for name in ("windows", "cost", "gate", "speedup"))
 
 
 def _prepare(job: tuple[Case, int, Path]) -> None:
@@ -55,10 +53,10 @@ def affordable(ms: float, frames: int, batch: int, budget: float) -> int:
 
 
 def score(
-    windows: Windows, long: Windows, participants: Sequence[Participant], session: Session, *, runs: int, budget: float
+    windows: Windows, falls: Windows, participants: Sequence[Participant], session: Session, *, runs: int, budget: float
 ) -> None:
     """Measure what the stores lack of one scene, and what was refused before."""
-    scored, timed, longs = (session.store(stem) for stem in (WINDOWS, COST, LONG))
+    scored, timed, gated = (session.store(stem) for stem in (WINDOWS, COST, FALLS))
     name, shape = windows.scene.name, windows.scene.grid.shape
     again = {(r.family, r.options) for r in scored.rows if r.scene == name and "refused" in r.failure}
     for batch, threads in ((1, 1), (BATCH, 1), (BATCH, 2)):
@@ -79,20 +77,21 @@ def score(
             say(f"{name}: {participant.label} takes {ms:.0f} ms a frame: left out")
             continue
         threads = (os.cpu_count() or 1) if floor else 1  # as slow as the truth
-        count = len(long.seeds) if floor else affordable(ms, len(windows.controls), len(windows.seeds), budget)
+        count = len(falls.seeds) if floor else affordable(ms, len(windows.controls), len(windows.seeds), budget)
         part = windows.first(max(1, count))
         keys = [(name, *shape, *own, seed, frames, part.key) for seed in set(part.seeds) for frames in HORIZONS]
         if own in again or not all(key in scored for key in keys):
             scored.add(*errors(participant, part, threads))
-        count = FLOOR_RUNS if floor else affordable(ms, len(long.controls), len(long.seeds), budget)
-        whole = long.first(count) if count else long.first(1).until(gate_frames(long.scene))
-        keys = [(name, *shape, *own, seed, len(whole.controls), long.key) for seed in whole.seeds]
-        if own in again or not all(key in longs for key in keys):
-            longs.add(*long_runs(participant, whole, threads))
+        if floor:
+            continue
+        whole = falls.first(max(1, affordable(ms, len(falls.controls), len(falls.seeds), budget)))
+        keys = [(name, *shape, *own, seed, len(whole.controls), whole.key) for seed in whole.seeds]
+        if own in again or not all(key in gated for key in keys):
+            gated.add(*gates(participant, whole))
 
 
 def measure(session: Session) -> None:
-    """Errors, times and long runs of every scene, and what they amount to."""
+    """Errors, times and height gates of every scene, and what they amount to."""
     quick, cache = session.quick, session.cache("truth")
     seeds, last, starts = (SEEDS[:2], 60, (25, 35)) if quick else (SEEDS, FRAMES, STARTS)
     runs, budget = (5, QUICK_BUDGET) if quick else (RUNS, BUDGET)
@@ -105,7 +104,6 @@ def measure(session: Session) -> None:
         "seeds": seeds,
         "starts": starts,
         "horizons": HORIZONS,
-        "long_frames": last,
         "truth": f"explicit, {TRUTH}: {truth(TRUTH).fixed}",
         "timed_runs": runs,
     }
@@ -115,9 +113,9 @@ def measure(session: Session) -> None:
     prepare([case for group in cases for case in group], last, cache, 1 if quick else os.cpu_count() or 1)
     for group in cases:
         windows = gather(group, starts, max(HORIZONS), range(last + 1), cache)
-        long = gather(group, (0,), last, range(last + 1), cache)
-        score(windows, long, participants, session, runs=runs, budget=budget)
-    rows = summaries(*(session.store(stem).rows for stem in (WINDOWS, COST, LONG)))
+        falls = gather(group, (0,), gate_frames(windows.scene), range(last + 1), cache)
+        score(windows, falls, participants, session, runs=runs, budget=budget)
+    rows = summaries(*(session.store(stem).rows for stem in (WINDOWS, COST, FALLS)))
     session.store(STEM).replace(rows)
     session.store(SPEEDUP).replace(speedups(rows))
 
@@ -130,7 +128,7 @@ BENCHMARK = Benchmark(
         SPEEDUP: RowFile(SpeedUpRow),
         WINDOWS: RowFile(ErrorRow, ERROR_KEY),
         COST: RowFile(CostRow, ("scene", "rows", "cols", "family", "options", "batch", "threads")),
-        LONG: RowFile(LongRow, ERROR_KEY),
+        FALLS: RowFile(GateRow, ERROR_KEY),
     },
     parts=[
         Part("Methods", (STEM,), table),
