@@ -14,7 +14,12 @@ def in_space(grid: Grid, positions: np.ndarray) -> np.ndarray:
 
     The cosine transform (of a tube Fourier's) of the second differences, which a stretch or a turn of the whole sheet
     leaves alone. A band is the mean of modes within ``1 / BANDS`` of the Nyquist limit, where neighbours alternate.
+
+    Raises:
+        ValueError: fewer columns than every band has a mode of.
     """
+    if grid.cols < 2 * BANDS:
+        raise ValueError(f"a spectrum in space needs {2 * BANDS} columns, the grid has {grid.cols}")
     x = positions.astype(np.float64)
     if grid.periodic:
         bend = np.roll(x, -1, -1) - 2 * x + np.roll(x, 1, -1)
@@ -24,7 +29,7 @@ def in_space(grid: Grid, positions: np.ndarray) -> np.ndarray:
         modes = dct(np.diff(x, 2, axis=-1), axis=-1, norm="ortho")
         fineness = np.arange(modes.shape[-1]) / modes.shape[-1]
     power = ((modes / grid.col_spacing**2) ** 2).sum(-3).mean(-2)
-    band = np.minimum((fineness * BANDS).astype(int), BANDS - 1)
+    band = np.maximum(np.ceil(fineness * BANDS).astype(int) - 1, 0)
     return np.stack([power[..., band == i].mean(-1) for i in range(BANDS)], -1)
 
 

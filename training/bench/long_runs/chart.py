@@ -14,8 +14,8 @@ from training.metrics.spectra import BANDS
 
 STEM, SPECTRA, REFERENCE = "long_runs", "long_runs_spectra", "reference"
 KINDS = {"space": "fineness of folds [part of the Nyquist limit]", "time": "frequency of motion [Hz]"}
-LINES = ("-", "--", "-.", ":")
-LIMIT = 30.0  # dB
+LINES = ("-", "--", "-.", ":")  # of one method on grids of different factors
+LEAST, MOST = -30.0, 10.0  # dB; smoother and rougher folds are not drawn
 NOTE = (
     "Power of the curvature along rows (left) and of the vertices' velocities (right) over the reference's, 0 dB where "
     "both are equal, mean of the kinds of action. Grey: the reference from nudged starts. Dotted: an eighth of the "
@@ -37,32 +37,41 @@ def ratios(rows: Sequence[SpectrumRow], scene: str, kind: str) -> dict[str, tupl
     }
 
 
+def styles(backends: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """A colour for every method, and a line for each of its grid factors, which the label tells behind a cross."""
+    members: dict[str, list[str]] = {}
+    for name in backends:
+        members.setdefault(name.split(" \u00d7")[0], []).append(name)
+    return {
+        name: {"color": COLORS[method % len(COLORS)], "ls": LINES[number % len(LINES)]}
+        for method, names in enumerate(members.values())
+        for number, name in enumerate(names)
+    }
+
+
 def draw(rows: Mapping[str, Sequence[Any]], folder: Path, setup: str) -> None:
     """One figure: a line of panels a scene, space and time."""
     found: Sequence[SpectrumRow] = rows.get(SPECTRA, [])
     scenes = list(dict.fromkeys(r.scene for r in found))
     if not scenes:
         return
-    backends = [name for name in dict.fromkeys(r.backend for r in found) if name not in (REFERENCE, NUDGED)]
-    figure, panels = grid(2 * len(scenes), "power over the reference's [dB]", panel=1.75)
+    looks = styles([name for name in dict.fromkeys(r.backend for r in found) if name not in (REFERENCE, NUDGED)])
+    figure, panels = grid(2 * len(scenes), "", panel=1.5)
     handles: dict[str, Any] = {}
-    for number, (scene, kind) in enumerate((scene, kind) for scene in scenes for kind in KINDS):
-        axes = panels[number]
+    for axes, (scene, kind) in zip(panels, ((scene, kind) for scene in scenes for kind in KINDS), strict=True):
         axes.axhline(0, color=INK, lw=0.9, zorder=2)
         for name, (at, power) in ratios(found, scene, kind).items():
             if name == NUDGED:
                 handles[name] = axes.fill_between(at, -abs(power), abs(power), color=SHADE, alpha=0.6, lw=0, zorder=1)
-                continue
-            place = backends.index(name)
-            look: dict[str, Any] = {"color": COLORS[place % len(COLORS)], "ls": LINES[place % len(LINES)], "lw": 1.3}
-            handles[name] = axes.plot(at, power, zorder=3, **look)[0]
+            else:
+                handles[name] = axes.plot(at, power, zorder=3, lw=1.3, **looks[name])[0]
         if kind == "space":
             axes.axvline(FINE / BANDS, color=INK, ls=(0, (1, 2)), lw=0.9, zorder=2)
-        axes.set_xscale("log")
-        low, high = axes.get_ylim()
-        axes.set_ylim(max(low, -LIMIT), min(high, LIMIT))
+            axes.set_ylim(LEAST, MOST)
+        axes.set_xlim(0)
         dress(axes, scene if kind == "space" else "")
         if scene == scenes[-1]:
             axes.set_xlabel(KINDS[kind], fontsize=7.5, color=INK)
-    legend(figure, handles, backends, "outside upper center", 4)
+    figure.supylabel("power over the reference's [dB]", fontsize=8.5, color=INK)
+    legend(figure, handles, list(looks), "outside upper center", 4)
     save(figure, f"{setup}. {NOTE}", folder, STEM)

@@ -12,7 +12,7 @@ from cloth_envs.world import World
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.long_runs.chart import SPECTRA, STEM, draw
 from training.bench.long_runs.episodes import Episodes, names, watch
-from training.bench.long_runs.rows import LongRow, SpectrumRow, compare, spectra, table
+from training.bench.long_runs.rows import LongRow, SpectrumRow, compare, spectra, summary, table
 from training.bench.participants import FLOOR, LONG_RUNS, Participant, extra
 from training.rollouts import seeded_actions
 
@@ -40,20 +40,22 @@ def measure(session: Session) -> None:
         world = World(scene)
         told = names(world), world.scene.grid.length
         truth, floor = play(LONG_RUNS[0]), play(LONG_RUNS[0], nudged=True)
-        free = (truth.observed != floor.observed).any((0, 1))  # the others are of the actions alone
         powers.add(*spectra((scene, "reference", "{}", actions), truth, world.scene.frame_dt))
         for one in missing:
             found = floor if one.family == FLOOR else play(one)
             key = scene, one.label, json.dumps(one.whole), actions
             powers.add(*spectra(key, found, world.scene.frame_dt))
-            store.add(compare(key, found, truth, free, *told))
+            store.add(compare(key, found, truth, floor, *told))
 
 
 BENCHMARK = Benchmark(
     name="long-runs",
     about="Observations, rewards, energies, strains and spectra of whole episodes beside the reference's.",
     files={STEM: RowFile(LongRow, KEY), SPECTRA: RowFile(SpectrumRow, (*KEY, "kind", "at"))},
-    parts=[Part("Episodes beside the reference's", (STEM,), table)],
+    parts=[
+        Part("Episodes beside the reference's", (STEM,), table),
+        Part("The same, means over kinds of action", (STEM,), summary),
+    ],
     measure=measure,
     charts={STEM: "Spectra of folds and of motion over the reference's"},
     draw=draw,
