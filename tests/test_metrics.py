@@ -12,7 +12,7 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import State
 from training import metrics
-from training.metrics import contact, detail, errors
+from training.metrics import contact, detail, errors, spectra
 
 GRID = Grid(9, 13, 0.8, 1.2)  # spacing 0.1 m
 V, U = (0.1 * i for i in np.indices(GRID.shape))
@@ -180,3 +180,51 @@ def test_all_metrics_of_two_trajectories() -> None:
     x, y = (np.stack([s.positions for s in states]) for states in (run, truth))
     assert whole["flicker"] == pytest.approx(errors.flicker(x, y, scene.frame_dt).mean(0))
     assert whole["tunnelled"] == 0
+
+
+def test_folds_are_told_by_their_fineness() -> None:
+    """A cosine along rows has its power in one band, as the square of its height; a turn changes nothing."""
+    grid = Grid(5, 35, 0.4, 3.4)  # 33 inner vertices
+    u = np.arange(35.0)
+
+    def waves(height: float) -> np.ndarray:
+        z = height * np.cos(np.pi * 12 * (u - 0.5) / 33)  # of the inner vertices mode 12 of the cosine transform
+        return np.stack(np.broadcast_arrays(0.1 * u, 0.1 * np.arange(5.0)[:, None], z))[None]
+
+    power = spectra.in_space(grid, waves(0.01))[0]
+    band = 12 * spectra.BANDS // 33
+    assert power.argmax() == band
+    assert np.delete(power, band) == pytest.approx(0, abs=1e-9 * power[band])
+    assert spectra.in_space(grid, waves(0.02))[0, band] == pytest.approx(4 * power[band])
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    turned = np.einsum("ij,bjhw->bihw", turn, waves(0.01))
+    assert spectra.in_space(grid, turned)[0] == pytest.approx(power, abs=1e-9 * power[band])
+    # Around a tube of 32 vertices 8 waves are half the Nyquist limit.
+    tube, angle = Grid(5, 32, 0.4, 3.2, periodic=True), 2 * np.pi * np.arange(32) / 32
+    bumps = 0.001 * np.cos(8 * angle)
+    x = np.stack(np.broadcast_arrays(0.5 * np.cos(angle), np.arange(5.0)[:, None], 0.5 * np.sin(angle)))[None]
+    rough = x + np.stack(np.broadcast_arrays(0.0, bumps, np.zeros((5, 1))))[None]
+    more = (spectra.in_space(tube, rough) - spectra.in_space(tube, x))[0]
+    assert more.argmax() == spectra.BANDS // 2 - 1
+    with pytest.raises(ValueError, match="32 columns"):
+        spectra.in_space(GRID, FLAT)
+
+
+def test_motion_is_told_by_its_frequency() -> None:
+    dt = 0.02
+    time = np.arange(161) * dt
+    band = 4
+    hertz = (band + 1) / (2 * spectra.BANDS * dt)
+    x = np.zeros((161, 2, 3, 2, 2))
+    x[:, 1, 2] = 0.1 * np.sin(2 * np.pi * hertz * time)[:, None, None]
+    power = spectra.in_time(x, dt)
+    assert power.shape == (spectra.BANDS, 2)
+    assert power[:, 1].argmax() == band
+    assert not power[:, 0].any()
+    # Half the square of the velocity's amplitude, which differences of frames make less by sin(a)/a, a = pi f dt.
+    a = np.pi * hertz * dt
+    whole = (0.1 * 2 * np.pi * hertz * np.sin(a) / a) ** 2 / 2
+    assert power[:, 1].sum() / (2 * spectra.BANDS * dt) == pytest.approx(whole, rel=1e-3)
+    with pytest.raises(ValueError, match="more than 32 frames"):
+        spectra.in_time(x[:32], dt)
+    assert spectra.apart(power[:, 1] * 10, power[:, 1]) == pytest.approx(10)

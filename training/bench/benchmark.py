@@ -32,6 +32,7 @@ BENCHMARKS: dict[str, str] = {
     "folds": "training.bench.folds",
     "endurance": "training.bench.endurance",
     "wrinkles": "training.bench.wrinkles",
+    "long-runs": "training.bench.long_runs.run",
     "convergence": "training.bench.convergence",
     "peers": "training.bench.peers.run",
     "tables": "training.bench.papers.run",

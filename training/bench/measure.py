@@ -55,10 +55,6 @@ class Windows:
         truth = [state.select(slice(count)) for state in self.truth]
         return replace(self, seeds=self.seeds[:count], starts=self.starts[:count], controls=controls, truth=truth)
 
-    def until(self, frames: int) -> "Windows":
-        """The first ``frames`` of every stretch."""
-        return replace(self, controls=self.controls[:frames], truth=self.truth[: frames + 1])
-
 
 def gather(cases: Sequence[Case], starts: Sequence[int], frames: int, keep: Sequence[int], cache: Path) -> Windows:
     """Windows of ``frames`` frames from every start of every case, whose truths keep frames ``keep`` in ``cache``."""

@@ -87,7 +87,7 @@ def _miniature(family: str, *factors: float, **fixed: Any) -> list[Participant]:
 
 BASELINES = f"{__package__}.baselines"
 ALL, FACTORS = (1.5, 2, 3, 4), [{"factor": n} for n in (2, 3, 4)]
-ORACLE, FLOOR = "oracle coarse", "chaos floor"
+ORACLE, FLOOR, NUDGED = "oracle coarse", "chaos floor", "reference, nudged"
 # Add a method by a line.
 FAMILIES: dict[str, list[Participant]] = {
     sweep[0].family: sweep
@@ -185,6 +185,13 @@ WRINKLES = [
     Participant(name, "miniature", {"factor": n, **options}, name=name)
     for n in (2, 4)
     for name, options in ((f"mini \u00d7{n}", {}), (f"mini \u00d7{n} not mended", {"mend": False, "guard": False}))
+]
+# Whole episodes; the first, off by a nudge, is what the reference is from itself.
+LONG_RUNS = [
+    Participant(FLOOR, name=NUDGED),
+    *(_one("closure local", f"mini \u00d7{n}", factor=n) for n in (2, 4)),
+    *(_one("miniature calibrated", f"calibrated \u00d7{n}", factor=n) for n in (2, 4)),
+    _one("miniature similar", "similar \u00d74", factor=4),
 ]
 # What policies are trained on; the first is what they are scored on.
 TRANSFER = [

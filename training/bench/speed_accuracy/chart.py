@@ -61,11 +61,11 @@ def curves(rows: Sequence[SpeedAccuracyRow]) -> dict[str, Curve]:
     return CURVES | {name: Curve(name, OTHERS[i % len(OTHERS)], "<", "-.") for i, name in enumerate(others)}
 
 
-def _curve(axes: Any, curve: Curve, rows: Sequence[SpeedAccuracyRow], value: str) -> Any:
+def _curve(axes: Any, curve: Curve, rows: Sequence[SpeedAccuracyRow]) -> Any:
     """Points of one family joined in the order of their time; returns its entry of the legend."""
     from matplotlib.lines import Line2D
 
-    x, y = [r.ms_median for r in rows], [getattr(r, value) for r in rows]
+    x, y = [r.ms_median for r in rows], [r.error for r in rows]
     small = curve.line == ":"
     look: dict[str, Any] = {"color": curve.color, "ls": curve.line, "lw": 0.8 if small else 1.3}
     edge = curve.color if curve.marker in "+12" else "white"
@@ -82,10 +82,10 @@ def _curve(axes: Any, curve: Curve, rows: Sequence[SpeedAccuracyRow], value: str
     return Line2D([], [], **look, **dot)
 
 
-def panel(axes: Any, rows: Sequence[SpeedAccuracyRow], *, value: str = "error") -> dict[str, Any]:
-    """Draw one scene at one horizon (``value="error"``) or its long runs (``"long"``); returns the legend's entries."""
+def panel(axes: Any, rows: Sequence[SpeedAccuracyRow]) -> dict[str, Any]:
+    """Draw one scene at one horizon; returns the legend's entries."""
     looks = curves(rows)
-    rows = [r for r in rows if 0 < getattr(r, value) <= MOST or (value == "long" and getattr(r, value) > 0)]
+    rows = [r for r in rows if 0 < r.error <= MOST]
     shown = [r for r in rows if r.family in looks and np.isfinite(r.ms_median)]
     axes.set_xscale("log")
     axes.set_yscale("log")
@@ -96,12 +96,11 @@ def panel(axes: Any, rows: Sequence[SpeedAccuracyRow], *, value: str = "error") 
     for family, curve in looks.items():
         mine = sorted((r for r in shown if r.family == family), key=lambda r: r.ms_median)
         if mine:
-            handles[curve.name] = _curve(axes, curve, mine, value)
-    longs = [r.long for r in rows if r.family == FLOOR]
-    floor = max([r.floor for r in rows] if value == "error" else longs, default=np.nan)
-    values = [getattr(r, value) for r in rows if r.family in looks or r.family in LINES]
-    oracle = [r for r in rows if r.family == ORACLE and '"bicubic"' in r.options] if value == "error" else []
-    low = min([*values, *(getattr(r, value) for r in oracle)])
+            handles[curve.name] = _curve(axes, curve, mine)
+    floor = max([r.floor for r in rows])
+    values = [r.error for r in rows if r.family in looks or r.family in LINES]
+    oracle = [r for r in rows if r.family == ORACLE and '"bicubic"' in r.options]
+    low = min([*values, *(r.error for r in oracle)])
     bottom, top = limits(low, max(values), 0.06)
     axes.set_ylim(bottom, top)
     left, right = limits(min(r.ms_median for r in shown), max(r.ms_median for r in shown), 0.07)
@@ -110,15 +109,15 @@ def panel(axes: Any, rows: Sequence[SpeedAccuracyRow], *, value: str = "error") 
         axes.axhspan(bottom, floor, color=SHADE, alpha=0.5, lw=0, zorder=1)
     if floor > 0:
         axes.set_title(f"chaos floor {floor:.{1 if floor < 1 else 2}g} %", loc="right", fontsize=6.5, color=SOFT, pad=4)
-    best = front(rows, value)
+    best = front(rows)
     if len(best) > 1:
-        axes.step([r.ms_median for r in best], [getattr(r, value) for r in best], where="post", color=YELLOW, lw=4,
+        axes.step([r.ms_median for r in best], [r.error for r in best], where="post", color=YELLOW, lw=4,
                   zorder=1.5, solid_capstyle="round", solid_joinstyle="round")  # fmt: skip
-    _beside(axes, rows, oracle, value)
+    _beside(axes, rows, oracle)
     return handles
 
 
-def _beside(axes: Any, rows: Sequence[SpeedAccuracyRow], oracle: Sequence[SpeedAccuracyRow], value: str) -> None:
+def _beside(axes: Any, rows: Sequence[SpeedAccuracyRow], oracle: Sequence[SpeedAccuracyRow]) -> None:
     """What has no place on the axis of time: extrapolations and the oracle as lines, and the labels of factors."""
     from matplotlib.patheffects import withStroke
 
@@ -129,15 +128,14 @@ def _beside(axes: Any, rows: Sequence[SpeedAccuracyRow], oracle: Sequence[SpeedA
         axes.annotate(text, at, off, textcoords="offset points", ha=ha, va=va, fontsize=6.5, color=color,
                       path_effects=halo, zorder=5)  # fmt: skip
 
-    highest = max((getattr(r, value) for r in rows if r.family in LINES), default=np.nan)
+    highest = max((r.error for r in rows if r.family in LINES), default=np.nan)
     for r in rows:
-        at = getattr(r, value)
-        if r.family in LINES and value == "error":
-            axes.axhline(at, color=SOFT, ls=(0, (1, 2)), lw=0.9, zorder=2)
-            off, va = (1.5, "bottom") if at == highest else (-2, "top")
-            tell(LINES[r.family], (right, at), (-2, off), "right", va, SOFT)
+        if r.family in LINES:
+            axes.axhline(r.error, color=SOFT, ls=(0, (1, 2)), lw=0.9, zorder=2)
+            off, va = (1.5, "bottom") if r.error == highest else (-2, "top")
+            tell(LINES[r.family], (right, r.error), (-2, off), "right", va, SOFT)
         if r.family in LABELLED and np.isfinite(r.ms_median):
-            tell(f"\u00d7{factor_of(r.options):g}", (r.ms_median, at), (0, 5), "center", "bottom")
+            tell(f"\u00d7{factor_of(r.options):g}", (r.ms_median, r.error), (0, 5), "center", "bottom")
     for r in oracle:
         axes.plot([left, left * (right / left) ** 0.045], [r.error] * 2, color=INK, lw=1.4, zorder=4, clip_on=False)
         tell(f"\u00d7{factor_of(r.options):g}", (left * (right / left) ** 0.05, r.error), (1, 0), "left", "center")
@@ -152,28 +150,26 @@ NOTE = (
 
 
 def draw(rows: Mapping[str, Sequence[SpeedAccuracyRow]], folder: Path, setup: str) -> None:
-    """A chart a scene, a panel a horizon and one for long runs; and one of all scenes after 5 frames."""
+    """A chart a scene, a panel a horizon; and one of all scenes after 5 frames."""
     found = rows.get(STEM, [])
     names = list(dict.fromkeys(row.scene for row in found))
     for name in names:
         at = {h: [r for r in found if (r.scene, r.frames) == (name, h)] for h in sorted({r.frames for r in found})}
-        parts = [(f"{name}, after {h} frame{'s' * (h > 1)}", mine, "error") for h, mine in at.items() if mine]
-        _figure([*parts, (f"{name}, long runs", parts[-1][1], "long")], f"{STEM}_{name.lower()}", folder, setup)
+        parts = [(f"{name}, after {h} frame{'s' * (h > 1)}", mine) for h, mine in at.items() if mine]
+        _figure(parts, f"{STEM}_{name.lower()}", folder, setup)
     h = OVERVIEW_FRAMES
-    alike = [(f"{n}, after {h} frames", [r for r in found if (r.scene, r.frames) == (n, h)], "error") for n in names]
+    alike = [(f"{n}, after {h} frames", [r for r in found if (r.scene, r.frames) == (n, h)]) for n in names]
     if alike:
         _figure(alike, STEM, folder, setup)
 
 
-def _figure(parts: Sequence[tuple[str, Sequence[SpeedAccuracyRow], str]], stem: str, folder: Path, setup: str) -> None:
-    """A panel for each title, rows and value."""
+def _figure(parts: Sequence[tuple[str, Sequence[SpeedAccuracyRow]]], stem: str, folder: Path, setup: str) -> None:
+    """A panel for each title and rows."""
     figure, panels = grid(len(parts), ERROR)
     handles: dict[str, Any] = {}
-    for axes, (title, rows, value) in zip(panels, parts, strict=False):
-        handles |= panel(axes, rows, value=value)
+    for axes, (title, rows) in zip(panels, parts, strict=False):
+        handles |= panel(axes, rows)
         dress(axes, title)
-        if value == "long":
-            axes.set_ylabel("distance of the statistics [%]", fontsize=7.5, color=INK)
     if len(panels) > len(parts):
         legend(panels[-1], handles, ORDER, "center left", 1)
     else:

@@ -1,26 +1,20 @@
-"""Rows of the speed-accuracy benchmark: long runs, and one for each method and horizon; their table and front.
-
-Long runs are whole episodes, compared with the truth by statistics, and the gate that slow motion does not pass.
+"""Rows of the speed-accuracy benchmark: the gate that slow motion does not pass, and one for each method and horizon;
+their table and front.
 """
 
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from cloth_envs.physics.laws.budget import slow_motion
-from cloth_envs.physics.laws.diagnostics import strains
-from cloth_envs.physics.laws.sheet import bend_energy, kinetic_energy
 from cloth_envs.scene import Scene
-from cloth_envs.state import State
 from training.bench.clock import CostRow
-from training.bench.measure import MEASURED, ErrorRow, Windows, failed_by, follow, mean
+from training.bench.measure import MEASURED, ErrorRow, Windows, follow, mean
 from training.bench.participants import FLOOR, ORACLE, Participant, label
 from training.rows import rounded
 
-BURN_IN = 25  # frames that statistics leave out
 WINDOW = 0.5  # s in which the mean height is compared
 TIMES = ("ms_q1", "ms_median", "ms_q3", "ms_best", "upscale_ms")
 GATE = 0.05  # of the way that the mean height goes
@@ -28,13 +22,11 @@ BASELINE = "miniature similar"
 
 
 @dataclass(frozen=True)
-class LongRow:
-    """A run of an episode's ``frames``: distances of distributions over time from the truth's, and the height gate.
+class GateRow:
+    """The first ``frames``, half a second, of an episode.
 
-    ``height``: of the mean height, over its standard deviation. ``bending``, ``kinetic``: of these energies, over
-    their mean. ``strain``: of all structural edges' strains, over their mean size. ``score``: the mean of the four, in
-    %. ``gate``: largest difference of the mean height in the first half second over the way that it goes; at
-    most 0.05 passes, a run that failed by then has infinity.
+    ``gate``: largest difference of the mean height from the truth's over the way that it goes; at most 0.05 passes, a
+    run that failed has infinity.
     """
 
     scene: str
@@ -45,25 +37,8 @@ class LongRow:
     seed: int
     frames: int
     truth: str
-    height: float
-    bending: float
-    kinetic: float
-    strain: float
-    score: float
     gate: float
     failure: str
-
-
-def statistics(scene: Scene, states: Sequence[State]) -> dict[str, np.ndarray]:
-    """Mean height, bending and kinetic energy ``(B, T)`` and strains ``(B, N)`` of a run."""
-    grid, sheets = scene.grid, [scene.material] * states[0].batch
-    share = grid.areas / grid.areas.sum()
-    return {
-        "height": np.stack([(s.positions[:, 2] * share).sum((1, 2)) for s in states], 1),
-        "bending": np.stack([bend_energy(grid, sheets, s.positions) for s in states], 1),
-        "kinetic": np.stack([kinetic_energy(grid, sheets, s.velocities) for s in states], 1),
-        "strain": np.concatenate([strains(grid, s.positions) for s in states[::5]], 1),
-    }
 
 
 def gate_frames(scene: Scene) -> int:
@@ -71,28 +46,18 @@ def gate_frames(scene: Scene) -> int:
     return round(np.ceil(WINDOW / scene.frame_dt - 1e-9))
 
 
-def long_runs(participant: Participant, windows: Windows, threads: int = 1, burn_in: int = BURN_IN) -> list[LongRow]:
-    """Run whole episodes; one row for each seed. Episodes no longer than ``burn_in`` have a gate and no statistics."""
-    scene, truth, early = windows.scene, windows.truth, gate_frames(windows.scene)
-    found, true, scales = follow(participant, windows, threads), {}, {}
-    if len(truth) > burn_in + 1:
-        true = statistics(scene, truth[burn_in:])
-        scales = {"height": true["height"].std(), "strain": abs(true["strain"]).mean()}
-        scales |= {name: true[name].mean() for name in ("bending", "kinetic")}
-    out = []
+def gates(participant: Participant, windows: Windows) -> list[GateRow]:
+    """Run the beginnings of episodes; one row for each seed."""
+    scene, truth = windows.scene, windows.truth
+    found, out = follow(participant, windows), []
     for i, (seed, reason) in enumerate(zip(windows.seeds, found.failures, strict=True)):
-        parts: dict[str, Any] = dict.fromkeys(("height", "bending", "kinetic", "strain"), float("nan"))
-        if true and not reason:
-            for name, values in statistics(scene, [s.select([i]) for s in found.states[burn_in:]]).items():
-                gaps = np.abs(np.sort(values[0]) - np.sort(true[name][i]))
-                parts[name] = float(gaps.mean() / scales[name])
         gate = float("inf")
-        if not failed_by(reason, early):
-            run, fell = ([s.select([i]) for s in part[: early + 1]] for part in (found.states, truth))
+        if not reason:
+            run, fell = ([s.select([i]) for s in states] for states in (found.states, truth))
             gate = float(slow_motion(scene, run, fell).fraction[0])
-        row = LongRow(
+        row = GateRow(
             scene.name, *scene.grid.shape, participant.family, participant.text, seed, len(truth) - 1, windows.key,
-            **parts, score=100 * float(np.mean(list(parts.values()))), gate=gate, failure=reason,
+            gate, reason,
         )  # fmt: skip
         out.append(rounded(row))
     return out
@@ -104,8 +69,7 @@ class SpeedAccuracyRow:
     the seeds, and the means of the other metrics.
 
     ``floor`` is the chaos floor of the same windows, below which an error means nothing. ``skill`` is against coarse
-    physics and bicubic upscaling (of the method's own grid factor, or 2). ``gate`` is the median over the seeds,
-    ``long`` the distance of long-run statistics [%].
+    physics and bicubic upscaling (of the method's own grid factor, or 2). ``gate`` is the median over the seeds.
     """
 
     scene: str
@@ -139,7 +103,6 @@ class SpeedAccuracyRow:
     tunnelled: float
     crossings: float
     gate: float
-    long: float
     failure: str
 
     @property
@@ -153,7 +116,7 @@ def factor_of(options: str) -> float:
     return float(json.loads(options).get("factor", 2))
 
 
-def summaries(scores: Sequence[ErrorRow], costs: Sequence[CostRow], longs: Sequence[LongRow]) -> list[SpeedAccuracyRow]:
+def summaries(scores: Sequence[ErrorRow], costs: Sequence[CostRow], gated: Sequence[GateRow]) -> list[SpeedAccuracyRow]:
     """One row for each scene, method and horizon."""
     groups: dict[tuple[str, str, str, int], list[ErrorRow]] = {}
     for s in scores:
@@ -164,13 +127,12 @@ def summaries(scores: Sequence[ErrorRow], costs: Sequence[CostRow], longs: Seque
     out = []
     for (scene, family, options, frames), mine in groups.items():
         time = times.get((scene, family, options))
-        runs = [r for r in longs if (r.scene, r.family, r.options) == (scene, family, options)]
         error = errors[scene, family, options, frames]
         own = [s.error_mean for s in mine if not np.isnan(s.error_mean)] or [float("nan")]
         means = {n: mean([getattr(s, n) for s in mine]) for n in MEASURED if n in SpeedAccuracyRow.__dataclass_fields__}
         failed = [s.failure.split(" of ", 1) for s in mine if s.failure]
         bad, windows = sum(int(count) for count, _ in failed), sum(s.windows for s in mine)
-        gates = [r.gate for r in runs if not np.isnan(r.gate)]
+        falls = [r.gate for r in gated if (r.scene, r.family, r.options) == (scene, family, options)]
         row = SpeedAccuracyRow(
             scene=scene,
             family=family,
@@ -184,19 +146,18 @@ def summaries(scores: Sequence[ErrorRow], costs: Sequence[CostRow], longs: Seque
             floor=errors.get((scene, FLOOR, "{}", frames), np.nan),
             skill=1 - error / bases.get((scene, factor_of(options), frames), np.nan),
             **means,
-            gate=float(np.median(gates)) if gates else np.nan,
-            long=mean([r.score for r in runs]) if not any(r.failure for r in runs) else np.nan,
+            gate=float(np.median(falls)) if falls else np.nan,
             failure=f"{bad} of {windows}: {failed[0][1].split(': ', 1)[1]}" if bad else "",
         )
         out.append(rounded(row))
     return out
 
 
-def front(rows: Sequence[SpeedAccuracyRow], value: str = "error") -> list[SpeedAccuracyRow]:
+def front(rows: Sequence[SpeedAccuracyRow]) -> list[SpeedAccuracyRow]:
     """The rows that nothing passing is both faster and closer than; errors below the chaos floor count as that."""
     best, out = np.inf, []
     for row in sorted(rows, key=lambda r: (r.ms_median, r.error)):
-        found = max(getattr(row, value), row.floor if value == "error" and row.floor > 0 else 0)
+        found = max(row.error, row.floor if row.floor > 0 else 0)
         if row.passes and row.family not in (ORACLE, FLOOR) and np.isfinite(row.ms_median) and found < best:
             best = found
             out.append(row)
@@ -213,7 +174,7 @@ def table(rows: Sequence[SpeedAccuracyRow]) -> str:
     for scene in dict.fromkeys(r.scene for r in rows):
         mine = {(r.family, r.options, r.frames): r for r in rows if r.scene == scene}
         heads = "".join(f"{f'{h} fr.':>10s}" for h in horizons)
-        lines.append(f"{scene:46s}{'ms (quartiles)':>22s}{heads}{'gate':>7s}{'long':>8s}{'pairs':>8s}")
+        lines.append(f"{scene:46s}{'ms (quartiles)':>22s}{heads}{'gate':>7s}{'pairs':>8s}")
         for family, options in dict.fromkeys((f, o) for f, o, _ in mine):
             found = [mine[family, options, h] for h in horizons if (family, options, h) in mine]
             r = found[-1]
@@ -221,7 +182,7 @@ def table(rows: Sequence[SpeedAccuracyRow]) -> str:
             texts = [f"({x.error:.2g})" if x.error < x.floor else f"{x.error:.3g}" for x in found]
             gate = "" if np.isnan(r.gate) else f"{100 * r.gate:.0f}%"
             lines.append(
-                f"{label(family, options):46s}{time:>22s}{''.join(f'{t:>10s}' for t in texts)}{gate:>7s}{r.long:8.3g}"
+                f"{label(family, options):46s}{time:>22s}{''.join(f'{t:>10s}' for t in texts)}{gate:>7s}"
                 + f"{r.crossings:8.3g}"
                 + (f"  {r.failure[:60]}" if r.failure else "")
             )

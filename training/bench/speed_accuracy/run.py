@@ -1,8 +1,7 @@
 """``minicloth bench speed-accuracy``: error against wall-clock time a frame, every method swept into a curve.
 
-Short windows restart every method from the truth; its error is scored after 1, 5, 10 and 25 frames. Long runs are
-compared by statistics. Rows that are in --out already are kept; --fresh measures again. Run it with OMP_NUM_THREADS=1:
-times are of one thread.
+Short windows restart every method from the truth; its error is scored after 1, 5, 10 and 25 frames. Rows that are in
+--out already are kept; --fresh measures again. Run it with OMP_NUM_THREADS=1: times are of one thread.
 """
 
 import multiprocessing
@@ -20,7 +19,7 @@ from training.bench.clock import RUN_MS, RUNS, SLOW, TOO_SLOW, CostRow, costs
 from training.bench.measure import ERROR_KEY, HORIZONS, ErrorRow, Windows, errors, gather
 from training.bench.participants import FAMILIES, FLOOR, ORACLE, THREADED, Participant, extra, swept, truth
 from training.bench.speed_accuracy.chart import OVERVIEW_FRAMES, STEM, draw
-from training.bench.speed_accuracy.rows import LongRow, SpeedAccuracyRow, gate_frames, long_runs, summaries, table
+from training.bench.speed_accuracy.rows import GateRow, SpeedAccuracyRow, gate_frames, gates, summaries, table
 from training.bench.speed_accuracy.speedup import SpeedUpRow, speedups
 from training.bench.speed_accuracy.speedup import table as speedup_table
 from training.rows import read_names
@@ -29,12 +28,11 @@ from training.truth import Case, load
 SEEDS = (200, 201, 202, 203, 204)  # held out: the miniature was calibrated on 100..103
 FRAMES, STARTS = 125, (25, 50, 100)  # of an episode's truth; frames at which the windows begin
 TRUTH = "fine"  # finer than G1: explicit at a quarter of its step would be compared with itself
-# Seconds for one method's windows of a scene, and for its long runs. Slower ones do less: at least one window and the
-# frames of the height gate; the rows say how many.
+# Seconds for one method's windows of a scene, and for its falls. Slower ones do less: at least one of both; the rows
+# say how many.
 BUDGET, QUICK_BUDGET = 8.0, 0.4
 BATCH = 16
-FLOOR_RUNS = 2  # long runs of the chaos floor
-WINDOWS, COST, LONG, SPEEDUP = (f"{STEM}_{name}" for name in ("windows", "cost", "long", "speedup"))
+WINDOWS, COST, FALLS, SPEEDUP = (f"{STEM}_{name}" for name in ("windows", "cost", "gate", "speedup"))
 
 
 def _prepare(job: tuple[Case, int, Path]) -> None:
@@ -85,7 +83,6 @@ def scope(session: Session) -> Scope:
         "seeds": seeds,
         "starts": starts,
         "horizons": HORIZONS,
-        "long_frames": last,
         "truth": f"explicit, {TRUTH}: {truth(TRUTH).fixed}",
         "timed_runs": runs,
     }
@@ -117,20 +114,21 @@ def times(session: Session) -> None:
 
 
 def measure(session: Session) -> None:
-    """Errors and long runs of every scene, and what they amount to with the times."""
+    """Errors and height gates of every scene, and what they amount to with the times."""
     whole = scope(session)
     for cases in whole.cases:
         score(session, whole, cases)
-    rows = summaries(*(session.store(stem).rows for stem in (WINDOWS, COST, LONG)))
+    rows = summaries(*(session.store(stem).rows for stem in (WINDOWS, COST, FALLS)))
     session.store(STEM).replace(rows)
     session.store(SPEEDUP).replace(speedups(rows))
 
 
 def score(session: Session, whole: Scope, cases: Sequence[Case]) -> None:
-    """Errors and long runs of one scene that the stores lack, and of what was refused before."""
+    """Errors and height gates of one scene that the stores lack, and of what was refused before."""
     cache, budget = session.cache("truth"), whole.budget
-    windows, long = whole.windows(cases, cache), gather(cases, (0,), whole.last, range(whole.last + 1), cache)
-    scored, longs, name, shape = session.store(WINDOWS), session.store(LONG), cases[0].scene, windows.scene.grid.shape
+    windows = whole.windows(cases, cache)
+    falls = gather(cases, (0,), gate_frames(windows.scene), range(whole.last + 1), cache)
+    scored, gated, name, shape = session.store(WINDOWS), session.store(FALLS), cases[0].scene, windows.scene.grid.shape
     taken = {(c.family, c.options): c.ms_median for c in session.store(COST).rows if (c.scene, c.batch) == (name, 1)}
     for participant in progress([truth(TRUTH), *whole.participants], name, unit="method", name=lambda p: p.label):
         own, floor = (participant.family, participant.text), participant.family == FLOOR
@@ -139,16 +137,17 @@ def score(session: Session, whole: Scope, cases: Sequence[Case]) -> None:
             say(f"{name}: {participant.label} takes {ms:.0f} ms a frame: left out")
             continue
         threads = (os.cpu_count() or 1) if floor else 1  # as slow as the truth
-        count = len(long.seeds) if floor else affordable(ms, len(windows.controls), len(windows.seeds), budget)
+        count = len(falls.seeds) if floor else affordable(ms, len(windows.controls), len(windows.seeds), budget)
         part = windows.first(max(1, count))
         keys = [(name, *shape, *own, seed, frames, part.key) for seed in set(part.seeds) for frames in HORIZONS]
         if again or not all(key in scored for key in keys):
             scored.add(*errors(participant, part, threads))
-        count = FLOOR_RUNS if floor else affordable(ms, len(long.controls), len(long.seeds), budget)
-        run = long.first(count) if count else long.first(1).until(gate_frames(long.scene))
-        keys = [(name, *shape, *own, seed, len(run.controls), long.key) for seed in run.seeds]
-        if again or not all(key in longs for key in keys):
-            longs.add(*long_runs(participant, run, threads))
+        if floor:
+            continue
+        run = falls.first(max(1, affordable(ms, len(falls.controls), len(falls.seeds), budget)))
+        keys = [(name, *shape, *own, seed, len(run.controls), run.key) for seed in run.seeds]
+        if again or not all(key in gated for key in keys):
+            gated.add(*gates(participant, run))
 
 
 BENCHMARK = Benchmark(
@@ -159,7 +158,7 @@ BENCHMARK = Benchmark(
         SPEEDUP: RowFile(SpeedUpRow),
         WINDOWS: RowFile(ErrorRow, ERROR_KEY),
         COST: RowFile(CostRow, ("scene", "rows", "cols", "family", "options", "batch", "threads")),
-        LONG: RowFile(LongRow, ERROR_KEY),
+        FALLS: RowFile(GateRow, ERROR_KEY),
     },
     parts=[
         Part("Methods", (STEM,), table),

@@ -1,0 +1,1 @@
+"""Whole episodes beside the reference's, each statistic apart."""
