@@ -82,9 +82,11 @@ class Offset:
         return LazyState(self._miniature.coarse.state, lambda: Cloth(state.positions + x, state.velocities + v))
 
 
-def fractional(scene: Scene, *, num_envs: int = 1, factor: float = 1.5, upscaler: str = "bicubic") -> Upscaled:
-    """The similar miniature of any ``factor`` above 1."""
-    coarse = CoarsePhysics(scene, num_envs=num_envs, factor=factor)
+def fractional(
+    scene: Scene, *, num_envs: int = 1, factor: float = 1.5, upscaler: str = "bicubic", scaling: str = "similar"
+) -> Upscaled:
+    """A miniature of any ``factor`` above 1, of a ``scaling`` that knows it."""
+    coarse = CoarsePhysics(scene, num_envs=num_envs, factor=factor, scaling=scaling)
     return Upscaled(coarse, Interpolation(coarse.scene, scene, factor, kind=INTERPOLATIONS[upscaler]))
 
 

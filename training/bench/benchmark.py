@@ -28,6 +28,7 @@ BENCHMARKS: dict[str, str] = {
     "speed-accuracy": "training.bench.speed_accuracy.run",
     "stability": "training.bench.stability.run",
     "transfer": "training.bench.transfer.run",
+    "choices": "training.bench.choices",
     "mesh": "training.bench.mesh",
     "folds": "training.bench.folds",
     "endurance": "training.bench.endurance",

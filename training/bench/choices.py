@@ -33,7 +33,7 @@ SPLITS: dict[str, dict[str, Sequence[int]]] = {
 }
 STARTS = (10, 45, 80, 115)  # frames of an episode, at which windows begin
 TOLERANCES = (0.3, 1.0, 3.0)  # % of the length
-FLOOR = truth("plain")
+FLOORED = truth("plain")
 
 
 @dataclass(frozen=True)
@@ -73,29 +73,33 @@ def errors(one: Participant, windows: Windows, split: str, policy: str) -> list[
     return rows
 
 
+def gathered(session: Session, scene: str, split: str, policy: str) -> Windows:
+    """The windows of a scene, split and policy, restarted from the reference in float64."""
+    few = 1 if session.quick else None
+    cases = [Case(scene, seed, truth="plain", actions=policy) for seed in SPLITS[split][policy][:few]]
+    keep = [start + frame for start in STARTS[:few] for frame in range(HORIZONS[-1] + 1)]
+    return gather(cases, STARTS[:few], HORIZONS[-1], keep, session.cache("truth"))
+
+
+def times(session: Session) -> None:
+    """Times of a frame that are missing."""
+    store, everyone = session.store(COST), [*CHOICES, *extra(session.given.backend)]
+    for scene in progress(session.scenes, "times", unit="scene"):
+        if any((scene, one.family, one.text) not in store for one in everyone):
+            windows = gathered(session, scene, "table", "bang-bang")
+            store.add(*costs(everyone, windows, runs=3 if session.quick else 11))
+
+
 def measure(session: Session) -> None:
-    """Every scene, policy and candidate that is missing."""
-    store, prices = session.store(STEM), session.store(COST)
-    everyone = [*CHOICES, FLOOR, *extra(session.given.backend)]
-    for scene in progress(session.scenes, STEM, unit="scene"):
-        for split, policies in SPLITS.items():
-            for policy, seeds in policies.items():
-                todo = [p for p in everyone if (scene, p.family, p.text, split, policy, HORIZONS[0]) not in store]
-                if not todo:
-                    continue
-                cases = [Case(scene, s, truth="plain", actions=policy) for s in seeds[: 1 if session.quick else None]]
-                starts = STARTS[: 1 if session.quick else None]
-                keep = [start + frame for start in starts for frame in range(HORIZONS[-1] + 1)]
-                windows = gather(cases, starts, HORIZONS[-1], keep, session.cache("truth"))
-                for one in todo:
-                    for row in errors(one, windows, split, policy):
-                        store.add(row)
-                timed = [p for p in everyone[:-1] if (scene, p.family, p.text) not in prices]
-                if timed and policy == "bang-bang":
-                    for cost in costs(
-                        [*CHOICES, *extra(session.given.backend)], windows, runs=3 if session.quick else 9
-                    ):
-                        prices.add(cost)
+    """Errors of every scene, kind of action and candidate that are missing, and the table."""
+    store, everyone = session.store(STEM), [*CHOICES, FLOORED, *extra(session.given.backend)]
+    cells = [(scene, split, policy) for scene in session.scenes for split in SPLITS for policy in SPLITS[split]]
+    for cell in progress(cells, STEM, name=" ".join):
+        scene, *of = cell
+        todo = [one for one in everyone if (scene, one.family, one.text, *of, HORIZONS[0]) not in store]
+        windows = gathered(session, *cell) if todo else None
+        for one in todo if windows else []:
+            store.add(*errors(one, windows, *of))
     if session.given.table:
         write_table(session)
 
@@ -111,9 +115,10 @@ def table(rows: Sequence[ChoiceRow], prices: Sequence[CostRow]) -> dict[str, Any
     for price in prices:
         mine = [r for r in rows if (r.scene, r.family, r.options, r.split) == (*_of(price), "table")]
         task = load_task(price.scene)
+        floor = [r for r in rows if (r.scene, r.family, r.split) == (price.scene, FLOORED.family, "table")]
         entry = found.setdefault(price.scene, {
             "measured on": {"resolution": task.resolution, "material": task.material.as_dict()},
-            "floor": _worst([r for r in rows if (r.scene, r.family, r.split) == (price.scene, FLOOR.family, "table")]),
+            "floor": _worst(floor),
             "backends": [],
         })  # fmt: skip
         one = next(p for p in CHOICES if (p.family, p.text) == (price.family, price.options))
@@ -170,5 +175,6 @@ BENCHMARK = Benchmark(
     },
     parts=[Part("What auto chooses, and the held-out windows within the tolerance", (STEM, COST), checked)],
     measure=measure,
+    times=times,
     options=options,
 )

@@ -81,8 +81,8 @@ def _solver(family: str, *sweep: Options, **fixed: Any) -> list[Participant]:
 def _miniature(family: str, *factors: float, **fixed: Any) -> list[Participant]:
     """Of grids ``factors`` times coarser; 1.5 is for measuring only."""
     sweep = _sweep(family, "miniature", *({"factor": n} for n in factors or (2, 3, 4)), **fixed)
-    odd, upscaler = f"{BASELINES}:fractional", {"upscaler": fixed.get("upscaler", "bicubic")}
-    return [replace(p, backend=odd, fixed=upscaler) if p.options["factor"] == 1.5 else p for p in sweep]
+    odd = f"{BASELINES}:fractional"
+    return [replace(p, backend=odd) if p.options["factor"] == 1.5 else p for p in sweep]
 
 
 BASELINES = f"{__package__}.baselines"
@@ -101,6 +101,7 @@ FAMILIES: dict[str, list[Participant]] = {
         _miniature("coarse biquadratic", *ALL, scaling="similar", upscaler="biquadratic"),
         _miniature("miniature seed", scaling="seed"),
         _miniature("miniature similar", *ALL, scaling="similar"),
+        _miniature("miniature rule", *ALL, scaling="rule"),  # a tension field by two numbers for all scenes
         _miniature("miniature calibrated", scaling="calibrated"),
         _miniature("calibrated ridge", scaling="calibrated", upscaler="ridge"),
         _miniature("calibrated local", scaling="calibrated", upscaler="local"),
@@ -189,10 +190,13 @@ WRINKLES = [
 # Whole episodes; the first, off by a nudge, is what the reference is from itself.
 LONG_RUNS = [
     Participant(FLOOR, name=NUDGED),
-    *(_one("closure local", f"mini \u00d7{n}", factor=n) for n in (2, 4)),
+    *(_one("miniature", f"mini \u00d7{n}", factor=n) for n in (2, 4)),
+    *(_one("miniature rule", f"rule \u00d7{n}", factor=n) for n in (2, 4)),
     *(_one("miniature calibrated", f"calibrated \u00d7{n}", factor=n) for n in (2, 4)),
     _one("miniature similar", "similar \u00d74", factor=4),
 ]
+# What ``backend="auto"`` may choose.
+CHOICES = [FAMILIES["explicit"][0], *FAMILIES["miniature"], FAMILIES["closure learned"][-1]]
 # What policies are trained on; the first is what they are scored on.
 TRANSFER = [
     _one("explicit", "reference"),

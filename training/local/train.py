@@ -170,7 +170,8 @@ def train(scene: str, factors: Sequence[int], recipe: Recipe, out: Path, cache: 
         }
         card = {
             "what": f"upscaler {kind.method!r} of {scene}: residual to bicubic, per patch of 12 coarse vertices",
-            "data": f"miniature restarted from truth (float32) at frames {STARTS}, pairs {FRAMES} frames later; actions {POLICIES} in turn",
+            "data": f"miniature restarted from truth (float32) at frames {STARTS}, pairs {FRAMES} frames later",
+            "actions": f"{', '.join(POLICIES)} in turn",
             "materials": f"areal density and stretch stiffness {RANGE[0]} to {RANGE[1]} times the scene's own",
         }
         keep(name, factor, fitted, settings, seconds, {"error [% of length] after frames": shown}, card, out)
