@@ -1,0 +1,22 @@
+#include "meet.hpp"
+
+#include <algorithm>
+
+namespace minicloth {
+
+void Meeting::shape(int rows_, int cols_, bool periodic_, double cell_area) {
+  twice = float(2 * cell_area);
+  if (rows == rows_ && cols == cols_ && periodic == periodic_) return;
+  rows = rows_, cols = cols_, periodic = periodic_;
+  down = rows - 1, across = periodic ? cols : cols - 1;
+  block_rows = (down + kBlockSide - 1) / kBlockSide, block_cols = (across + kBlockSide - 1) / kBlockSide;
+  blocks = padded(block_rows * block_cols), strips = blocks / kBlock;
+  stride = padded(across + 2 + kBlockSide), plane = std::size_t(stride) * rows + 2 * kBlock;
+  for (auto* planes : {&x, &low, &high, &normal}) planes->assign(3 * plane, 0.0f);
+  for (auto* numbers : {&moved, &plain, &even}) numbers->assign(plane, 0.0f);
+  for (auto* boxes : {&box, &cone}) boxes->assign(std::size_t(6) * blocks, 0.0f);
+  strip.assign(std::size_t(6) * padded(strips), 0.0f), slots.assign(std::size_t(6) * kBlockCells * blocks, 0.0f);
+  fresh.assign(blocks, 0), filled.assign(blocks, 0), level.assign(blocks, 0);
+}
+
+}  // namespace minicloth
