@@ -12,6 +12,9 @@ void Meeting::shape(int rows_, int cols_, bool periodic_, double cell_area) {
   block_rows = (down + kBlockSide - 1) / kBlockSide, block_cols = (across + kBlockSide - 1) / kBlockSide;
   blocks = padded(block_rows * block_cols), strips = blocks / kBlock;
   stride = padded(across + 2 + kBlockSide), plane = std::size_t(stride) * rows + 2 * kBlock;
+  number.assign(plane, 0);
+  for (int r = 0; r < rows; ++r)
+    for (int c = 0; c <= across; ++c) number[r * stride + 1 + c] = r * cols + c % cols;
   for (auto* planes : {&x, &low, &high, &normal}) planes->assign(3 * plane, 0.0f);
   for (auto* numbers : {&moved, &plain, &even}) numbers->assign(plane, 0.0f);
   for (auto* boxes : {&box, &cone}) boxes->assign(std::size_t(6) * blocks, 0.0f);

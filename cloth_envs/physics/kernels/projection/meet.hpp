@@ -25,6 +25,7 @@ struct Meeting {
   bool periodic = false;
   std::size_t plane;
   float twice;                     // m^2, the area of a cell at rest times two, which normals have
+  std::vector<int> number;         // of elements of the planes: which vertex of the sheet lies there
   Plane<float> x, moved;           // 3 planes of vertices; 1 of those that moved since the last time
   Plane<float> low, high, normal;  // 3 planes each of cells: their boxes, and the sums of their triangles' normals
   Plane<float> plain, even;       // of cells: 1 where triangles are nearly level, and where those beside it are as well

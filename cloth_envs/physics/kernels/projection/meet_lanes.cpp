@@ -288,7 +288,15 @@ inline Sides sides(const V3<float> (&p)[4], const V3<float> (&q)[4]) {
   return to;
 }
 
-// Which triangles of the pairs of cells are not on one side of each other's planes.
+// Where triangle i of a cell and triangle j of one that is `step` elements further have a vertex in common.
+inline Mask common(const Mask& step, int stride, int i, int j) {
+  const int a[3] = {0, stride + 1, i ? 1 : stride}, b[3] = {0, stride + 1, j ? 1 : stride};
+  Mask found = {};
+  for (int k = 0; k < 9; ++k) found |= step == a[k / 3] - b[k % 3];
+  return found;
+}
+
+// Which triangles of the pairs of cells have no vertex in common and are not on one side of each other's planes.
 void triangles(Meeting& m) {
   const int count = int(m.pairs[0].size());
   for (auto& pairs : m.pairs) pairs.resize(count + n, count ? pairs[0] : 0);
@@ -302,10 +310,12 @@ void triangles(Meeting& m) {
                       gather<float>(x + 2 * m.plane, cells)};
       }
     const Sides one = sides(p[0], p[1]), other = sides(p[1], p[0]);
+    Mask from, to;
+    std::memcpy(&from, m.pairs[0].data() + first, sizeof from), std::memcpy(&to, m.pairs[1].data() + first, sizeof to);
     unsigned may[2][2], some = 0;
     for (int i = 0; i < 2; ++i)
       for (int j = 0; j < 2; ++j) {
-        const Mask apart = one.apart[i][j] | other.apart[j][i];
+        const Mask apart = one.apart[i][j] | other.apart[j][i] | common(to - from, m.stride, i, j);
         some |= may[i][j] = less<float>(apart ? F{} + 1.0f : F{}, F{} + 0.5f);
       }
     for (; some; some &= some - 1) {

@@ -39,9 +39,9 @@ bool Separate::cross(const float* x, bool all) {
     int at[2][4];
     Vec<double> corners[2][4];
     for (int half = 0; half < 2; ++half) {
-      const int cell = half ? cells.second : cells.first, r = cell / meeting_.stride, c = cell % meeting_.stride - 1;
+      const int* const number = meeting_.number.data() + (half ? cells.second : cells.first);
       for (int q = 0; q < 4; ++q) {
-        const int i = at[half][q] = (r + q / 2) * cols_ + (c + q % 2) % cols_;
+        const int i = at[half][q] = number[q % 2 + q / 2 * meeting_.stride];
         corners[half][q] = {x[i], x[n + i], x[2 * n + i]};
       }
     }
