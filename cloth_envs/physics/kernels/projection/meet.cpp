@@ -19,7 +19,8 @@ void Meeting::shape(int rows_, int cols_, bool periodic_, double cell_area) {
   for (auto* numbers : {&moved, &plain, &even}) numbers->assign(plane, 0.0f);
   for (auto* boxes : {&box, &cone}) boxes->assign(std::size_t(6) * blocks, 0.0f);
   strip.assign(std::size_t(6) * padded(strips), 0.0f), slots.assign(std::size_t(6) * kBlockCells * blocks, 0.0f);
-  fresh.assign(blocks, 0), filled.assign(blocks, 0), level.assign(blocks, 0);
+  fresh.assign(blocks, 0), filled.assign(blocks, 0), level.assign(blocks, 0), moves.assign(blocks, 0);
+  fresh_rows.assign(block_rows, 0);
 }
 
 }  // namespace minicloth

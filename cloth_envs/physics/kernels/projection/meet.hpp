@@ -30,11 +30,11 @@ struct Meeting {
   Plane<float> low, high, normal;  // 3 planes each of cells: their boxes, and the sums of their triangles' normals
   Plane<float> plain, even;       // of cells: 1 where triangles are nearly level, and where those beside it are as well
   Plane<float> box, cone, strip;  // 6 planes, lo and hi, of blocks, of their normals, of strips
-  std::vector<char> fresh, filled;
-  Plane<float> slots;                // of blocks where `filled` says so: 6 rows of their cells' boxes
-  std::vector<std::uint16_t> level;  // of the same, bit i where cell i is even
-  std::vector<int> pairs[2];         // cells whose boxes meet
-  std::vector<MeetingCells> cells;   // what was found
+  std::vector<char> fresh, fresh_rows, filled;  // of blocks, of their rows: with vertices that moved
+  Plane<float> slots;                           // of blocks where `filled` says so: 6 rows of their cells' boxes
+  std::vector<std::uint16_t> level, moves;      // of the same, bit i where cell i is even, and where it moved
+  std::vector<int> pairs[2];                    // cells whose boxes meet
+  std::vector<MeetingCells> cells;              // what was found
 
   void shape(int rows, int cols, bool periodic, double cell_area);
 };

@@ -31,18 +31,17 @@ void take(Meeting& m, const float* x, bool all) {
     for (int k = 0; k < 3; ++k) {
       const float* const from = x + (std::size_t(k) * m.rows + r) * m.cols;
       float *const to = m.x.data() + k * m.plane + r * m.stride + 1, *const moved = m.moved.data() + r * m.stride + 1;
-      if (!all)
-        for (int c = 0; c < m.cols; ++c) moved[c] = (k ? moved[c] : 0.0f) + (to[c] != from[c] ? 1.0f : 0.0f);
+      for (int c = 0; c < m.cols; ++c) moved[c] = all ? 1.0f : (k ? moved[c] : 0.0f) + (to[c] != from[c] ? 1.0f : 0.0f);
       std::memcpy(to, from, m.cols * sizeof(float));
       if (m.periodic) to[m.cols] = to[0], moved[m.cols] = moved[0];
     }
-  std::fill(m.fresh.begin(), m.fresh.end(), all);
+  std::fill(m.fresh.begin(), m.fresh.end(), all), std::fill(m.fresh_rows.begin(), m.fresh_rows.end(), all);
   for (int b = 0; !all && b < m.block_rows * m.block_cols; ++b) {
     const int r0 = b / m.block_cols * kBlockSide, c0 = b % m.block_cols * kBlockSide;
     float moved = 0;
     for (int r = r0; r <= std::min(r0 + kBlockSide, m.rows - 1); ++r)
       for (int c = c0; c <= std::min(c0 + kBlockSide, m.across); ++c) moved += m.moved[r * m.stride + 1 + c];
-    m.fresh[b] = moved > 0;
+    m.fresh[b] = moved > 0, m.fresh_rows[b / m.block_cols] |= m.fresh[b];
   }
 }
 
@@ -116,8 +115,10 @@ void reduce(const Meeting& m, const float* plane, int rows, int across, float* t
   }
 }
 
+// Of blocks and strips, from cells of the rows where something is fresh.
 void boxes(Meeting& m) {
   for (int b = 0; b < m.block_rows; ++b) {
+    if (!m.fresh_rows[b]) continue;
     const std::size_t first = std::size_t(b) * kBlockSide * m.stride + 1;
     const int rows = std::min(kBlockSide, m.down - kBlockSide * b);
     for (int k = 0; k < 3; ++k) {
@@ -179,7 +180,7 @@ const float* slots(Meeting& m, int block) {
   m.filled[block] = 1;
   const int r0 = block / m.block_cols * kBlockSide, rows = std::min(kBlockSide, m.down - r0);
   const int c0 = block % m.block_cols * kBlockSide, cols = std::min(kBlockSide, m.across - c0);
-  unsigned level = 0;
+  unsigned level = 0, moves = 0;
   for (int r = 0; r < kBlockSide; ++r) {
     const std::size_t first = std::size_t(r0 + r) * m.stride + 1 + c0;
     for (int k = 0; k < 6; ++k) {
@@ -188,9 +189,13 @@ const float* slots(Meeting& m, int block) {
       for (int c = 0; c < kBlockSide; ++c)
         four[c] = r < rows ? from[k % 3 * m.plane + first + c] : (k < 3 ? kNone : -kNone);
     }
-    for (int c = 0; r < rows && c < cols; ++c) level |= unsigned(m.even[first + c] > 0) << (r * kBlockSide + c);
+    for (int c = 0; r < rows && c < cols; ++c) {
+      const float *const top = m.moved.data() + first + c, *const below = top + m.stride;
+      level |= unsigned(m.even[first + c] > 0) << (r * kBlockSide + c);
+      moves |= unsigned(top[0] + top[1] + below[0] + below[1] > 0) << (r * kBlockSide + c);
+    }
   }
-  m.level[block] = std::uint16_t(level);
+  m.level[block] = std::uint16_t(level), m.moves[block] = std::uint16_t(moves);
   return to;
 }
 
@@ -226,7 +231,7 @@ void look_into(Meeting& m, int a, int b, int dr, int dc) {
   const bool beside = std::abs(dr) <= 1 && std::abs(dc) <= 1;
   for (; some; some &= some - 1) {
     const int i = __builtin_ctz(some);
-    unsigned wanted = those;
+    unsigned wanted = m.moves[a] >> i & 1 ? those : those & m.moves[b];
     if (a == b) wanted &= ~0u << (i + 1);
     if (beside && m.level[a] >> i & 1) wanted &= ~unsigned(around.cells[dr + 1][dc + 1][i] & m.level[b]);
     if (!wanted) continue;
@@ -329,8 +334,11 @@ void triangles(Meeting& m) {
 
 void find(Meeting& m, const float* x, bool all) {
   take(m, x, all);
-  for (int r = 0; r < m.down; ++r) cells_of(m, r);
-  for (int r = 0; r < m.down; ++r) evenness(m, r);
+  const auto fresh = [&](int r) { return m.fresh_rows[r / kBlockSide]; };
+  for (int r = 0; r < m.down; ++r)
+    if (fresh(r)) cells_of(m, r);
+  for (int r = 0; r < m.down; ++r)
+    if (fresh(std::max(r - 1, 0)) | fresh(std::min(r + 1, m.down - 1))) evenness(m, r);
   boxes(m);
   std::fill(m.filled.begin(), m.filled.end(), 0);
   for (auto& pairs : m.pairs) pairs.clear();
