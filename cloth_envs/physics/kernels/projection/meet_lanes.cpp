@@ -163,12 +163,12 @@ bool flat(const Meeting& m, int a, int b) {
   if (length < flat) return false;
   for (const int block : {a, b}) {
     const int r0 = block / m.block_cols * kBlockSide, c0 = block % m.block_cols * kBlockSide;
-    for (int r = r0; r < std::min(r0 + kBlockSide, m.down); ++r)
-      for (int c = c0; c < std::min(c0 + kBlockSide, m.across); ++c) {
-        const float* const normal = m.normal.data() + r * m.stride + 1 + c;
-        const float along = axis[0] * normal[0] + axis[1] * normal[m.plane] + axis[2] * normal[2 * m.plane];
-        if (along < flat * length) return false;
-      }
+    const unsigned real = (1u << std::min(kBlockSide, m.across - c0)) - 1;
+    for (int r = r0; r < std::min(r0 + kBlockSide, m.down); ++r) {
+      const float* const normal = m.normal.data() + r * m.stride + 1 + c0;
+      const F along = axis[0] * load(normal) + axis[1] * load(normal + m.plane) + axis[2] * load(normal + 2 * m.plane);
+      if (less<float>(along, F{} + flat * length) & real) return false;
+    }
   }
   return true;
 }
