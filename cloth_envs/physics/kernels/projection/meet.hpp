@@ -6,10 +6,9 @@
 
 #include "../base/dispatch.hpp"
 #include "../base/geometry.hpp"
+#include "../selfcontact/near.hpp"
 
 namespace minicloth {
-
-constexpr int kBlockSide = 4, kBlockCells = kBlockSide * kBlockSide;
 
 // Two cells; bit 2 i + j: triangle i of the first, 0 the lower, 1 the upper, may cross triangle j of the second.
 struct MeetingCells {

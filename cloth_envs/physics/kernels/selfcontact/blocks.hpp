@@ -9,8 +9,6 @@ namespace minicloth {
 namespace LANES {
 namespace {
 
-constexpr double kFlat = 0.35;  // least part of the rest area that cells of flat blocks have along a common normal
-
 // Which of a vector of boxes, planes `stride` apart, come nearer than reach to box a, whose numbers are `step` apart:
 // as points go straight, a gap along an axis is never less than the lesser one of now and later.
 template <class T>
