@@ -23,6 +23,7 @@ TWINS = {
     "nets/patch_lanes": "test_upscale_twin.py::test_the_residual_is_that_of_the_twin",
     "nets/resample_lanes": "test_miniature.py::test_interpolation_is_exact_for_its_degree_and_at_shared_vertices",
     "particles/lanes": "test_particles.py",
+    "projection/meet_lanes": "test_separation.py::test_folds_do_not_cross_where_the_coarse_ones_do_not",
     "projection/mend_lanes": "test_mending.py::test_the_kernel_is_its_twin",
     "projection/lanes": "test_upscale_twin.py::test_vertices_are_put_on_the_surface_and_stop_there",
     "selfcontact/lanes": "laws/test_layers.py",

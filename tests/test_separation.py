@@ -20,9 +20,15 @@ def upscaled(world: World) -> Upscaled:
     return world.backend
 
 
-@pytest.mark.parametrize(("name", "factor", "frames"), [("BallDrop", 4, 110), ("Hanging", 2, 120), ("Curtain", 4, 100)])
-def test_folds_do_not_cross_where_the_coarse_ones_do_not(name: str, factor: int, frames: int) -> None:
-    world = World(name, backend="miniature", backend_kwargs={"factor": factor})
+@pytest.mark.parametrize(
+    ("name", "factor", "frames", "resolution"),
+    [("BallDrop", 4, 110, None), ("Hanging", 2, 120, None), ("Curtain", 4, 100, None), ("Collision", 4, 90, (58, 39))],
+)
+def test_folds_do_not_cross_where_the_coarse_ones_do_not(
+    name: str, factor: int, frames: int, resolution: tuple[int, int] | None
+) -> None:
+    options = {"factor": factor}
+    world = World(name, resolution=resolution, self_contact=True, backend="miniature", backend_kwargs=options)
     backend = upscaled(world)
     mending = Mending.of(backend.upscaling, backend.coarse.handles.vertices)
     alone = replace(world.scene, self_contact=None)

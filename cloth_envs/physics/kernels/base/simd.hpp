@@ -95,6 +95,50 @@ inline bool any(const Mask& mask) {
 #endif
 }
 
+// A bit for every lane in which a < b.
+template <class T>
+inline unsigned less(const V<T>& a, const V<T>& b) {
+#if defined(__AVX512F__)
+  if constexpr (sizeof(T) == 4)
+    return _mm512_cmp_ps_mask((__m512)a, (__m512)b, _CMP_LT_OQ);
+  else
+    return _mm512_cmp_pd_mask((__m512d)a, (__m512d)b, _CMP_LT_OQ);
+#elif defined(__AVX2__)
+  if constexpr (sizeof(T) == 4)
+    return unsigned(_mm256_movemask_ps((__m256)(a < b)));
+  else
+    return unsigned(_mm256_movemask_pd((__m256d)(a < b)));
+#elif defined(__SSE2__)
+  if constexpr (sizeof(T) == 4)
+    return unsigned(_mm_movemask_ps((__m128)(a < b)));
+  else
+    return unsigned(_mm_movemask_pd((__m128d)(a < b)));
+#else
+  unsigned found = 0;
+  for (int k = 0; k < kLanes<T>; ++k) found |= unsigned(a[k] < b[k]) << k;
+  return found;
+#endif
+}
+
+// base[at[k]] in lane k.
+template <class T>
+inline V<T> gather(const T* base, const int* at) {
+  V<T> v;
+  for (int k = 0; k < kLanes<T>; ++k) v[k] = base[at[k]];
+  return v;
+}
+#if defined(__AVX512F__)
+template <>
+inline V<float> gather(const float* base, const int* at) {
+  return (V<float>)_mm512_i32gather_ps(_mm512_loadu_si512(at), base, 4);
+}
+#elif defined(__AVX2__)
+template <>
+inline V<float> gather(const float* base, const int* at) {
+  return (V<float>)_mm256_i32gather_ps(base, _mm256_loadu_si256((const __m256i*)at), 4);
+}
+#endif
+
 // The larger of every two.
 inline V<float> larger(const V<float>& a, const V<float>& b) {
 #if defined(__AVX512F__)

@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "../selfcontact/crossing.hpp"
-#include "../selfcontact/near.hpp"
+#include "meet.hpp"
 
 namespace minicloth {
 namespace {
@@ -12,7 +12,6 @@ namespace {
 constexpr int kHalves = 3, kRounds = 6;  // how often vertices are drawn half-way, and in all: then all the way
 constexpr int kSpread = 2;               // of vertices around them, which are drawn
 constexpr float kLess = 0.6f;            // times as much from ring to ring
-constexpr float kTouch = 1e-6f;          // m, so near are cells that may cross
 
 // Keeps its memory from cloth to cloth.
 class Separate {
@@ -20,47 +19,35 @@ class Separate {
   bool operator()(const Sheet& sheet, const float* coarse, int h, int w, float* x, bool again);
 
  private:
-  bool cross(const float* x, float cell_area, bool all);
+  bool cross(const float* x, bool all);
   void facets(const float* coarse, int h, int w);
   void spread();
 
-  Sweep<float> sweep_;
+  Meeting meeting_;
+  int rows_ = 0, cols_ = 0;
   std::vector<float> facets_, mark_, before_;  // where vertices are in facets, what part of the way they are drawn
 };
 
-// Marks the vertices of triangles that cross, of all or of those that lie in a block that moved since the last time;
-// whether some do.
-bool Separate::cross(const float* x, float cell_area, bool all) {
-  const int n = sweep_.rows * sweep_.cols;
-  const auto& near = lanes<NearLanes<float>>();
-  const auto moved = [&](int i) {
-    const float *const before = sweep_.x.data() + i, *const now = x + i;
-    return now[0] != before[0] || now[n] != before[sweep_.plane] || now[2 * n] != before[2 * sweep_.plane];
-  };
-  for (int b = 0; b < sweep_.blocks; ++b) {
-    const int* const points = &sweep_.point[kWide * b];
-    sweep_.fresh[b] = all || std::any_of(points, points + kPoints, moved);
-  }
-  for (int k = 0; k < 3; ++k) std::copy_n(x + k * n, n, sweep_.x.data() + k * sweep_.plane);
-  sweep_.pairs.clear();
-  near.boxes(sweep_, cell_area, all);
-  near.blocks(sweep_, kTouch, kTouch, kTouch);
-  near.cells(sweep_, kTouch);
+// Marks the vertices of triangles that cross, of all or of those near vertices that moved since the last time; whether
+// some do.
+bool Separate::cross(const float* x, bool all) {
+  const int n = rows_ * cols_;
+  lanes<MeetLanes>().find(meeting_, x, all);
   std::fill(mark_.begin(), mark_.end(), 0.0f);
   bool found = false;
-  for (const CellPair& cells : sweep_.cells) {
+  for (const MeetingCells& cells : meeting_.cells) {
     int at[2][4];
-    for (int q = 0; q < 4; ++q) at[0][q] = sweep_.corner[q][cells.first], at[1][q] = sweep_.corner[q][cells.second];
-    const auto real = [&](const int (&cell)[4]) { return cell[0] != cell[1] && cell[0] != cell[2]; };
-    if (!real(at[0]) || !real(at[1])) continue;
     Vec<double> corners[2][4];
-    for (int c = 0; c < 2; ++c)
+    for (int half = 0; half < 2; ++half) {
+      const int* const number = meeting_.number.data() + (half ? cells.second : cells.first);
       for (int q = 0; q < 4; ++q) {
-        const int i = at[c][q];
-        corners[c][q] = {x[i], x[n + i], x[2 * n + i]};
+        const int i = at[half][q] = number[q % 2 + q / 2 * meeting_.stride];
+        corners[half][q] = {x[i], x[n + i], x[2 * n + i]};
       }
+    }
     for (int i = 0; i < 2; ++i)
       for (int j = 0; j < 2; ++j) {
+        if (!(cells.triangles >> (2 * i + j) & 1)) continue;
         const int a[3] = {0, i ? 3 : 2, i ? 1 : 3}, b[3] = {0, j ? 3 : 2, j ? 1 : 3};
         bool common = false;
         for (int k = 0; k < 9; ++k) common |= at[0][a[k / 3]] == at[1][b[k % 3]];
@@ -79,8 +66,8 @@ bool Separate::cross(const float* x, float cell_area, bool all) {
 
 // Where every vertex lies in the facets.
 void Separate::facets(const float* coarse, int h, int w) {
-  const int rows = sweep_.rows, cols = sweep_.cols, n = rows * cols;
-  const bool periodic = sweep_.periodic;
+  const int rows = rows_, cols = cols_, n = rows * cols;
+  const bool periodic = meeting_.periodic;
   facets_.resize(3 * n);
   for (int r = 0; r < rows; ++r) {
     const float down = float(r) * float(h - 1) / float(rows - 1);
@@ -101,7 +88,7 @@ void Separate::facets(const float* coarse, int h, int w) {
 
 // Marks the rings of vertices around those that are marked.
 void Separate::spread() {
-  const int rows = sweep_.rows, cols = sweep_.cols;
+  const int rows = rows_, cols = cols_;
   for (int ring = 0; ring < kSpread; ++ring) {
     before_ = mark_;
     for (int r = 0; r < rows; ++r)
@@ -119,11 +106,11 @@ void Separate::spread() {
 
 bool Separate::operator()(const Sheet& sheet, const float* coarse, int h, int w, float* x, bool again) {
   const int n = sheet.rows * sheet.cols;
-  sweep_.shape(sheet.rows, sheet.cols, sheet.periodic);
-  sweep_.time = sweep_.before = 0, sweep_.end = 1;
+  rows_ = sheet.rows, cols_ = sheet.cols;
+  meeting_.shape(rows_, cols_, sheet.periodic, sheet.row_length * sheet.col_length);
   mark_.resize(n);
   for (int round = 0; round < kRounds; ++round) {
-    if (!cross(x, float(sheet.row_length * sheet.col_length), round == 0 && !again)) return round > 0;
+    if (!cross(x, round == 0 && !again)) return round > 0;
     if (round == 0) facets(coarse, h, w);
     spread();
     const float part = round < kHalves ? 0.5f : 1.0f;

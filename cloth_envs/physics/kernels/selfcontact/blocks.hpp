@@ -9,33 +9,6 @@ namespace minicloth {
 namespace LANES {
 namespace {
 
-constexpr double kFlat = 0.35;  // least part of the rest area that cells of flat blocks have along a common normal
-
-// A bit for every lane in which a < b.
-template <class T>
-inline unsigned less(const V<T>& a, const V<T>& b) {
-#if defined(__AVX512F__)
-  if constexpr (sizeof(T) == 4)
-    return _mm512_cmp_ps_mask((__m512)a, (__m512)b, _CMP_LT_OQ);
-  else
-    return _mm512_cmp_pd_mask((__m512d)a, (__m512d)b, _CMP_LT_OQ);
-#elif defined(__AVX2__)
-  if constexpr (sizeof(T) == 4)
-    return unsigned(_mm256_movemask_ps((__m256)(a < b)));
-  else
-    return unsigned(_mm256_movemask_pd((__m256d)(a < b)));
-#elif defined(__SSE2__)
-  if constexpr (sizeof(T) == 4)
-    return unsigned(_mm_movemask_ps((__m128)(a < b)));
-  else
-    return unsigned(_mm_movemask_pd((__m128d)(a < b)));
-#else
-  unsigned found = 0;
-  for (int k = 0; k < kLanes<T>; ++k) found |= unsigned(a[k] < b[k]) << k;
-  return found;
-#endif
-}
-
 // Which of a vector of boxes, planes `stride` apart, come nearer than reach to box a, whose numbers are `step` apart:
 // as points go straight, a gap along an axis is never less than the lesser one of now and later.
 template <class T>

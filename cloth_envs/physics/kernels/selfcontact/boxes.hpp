@@ -6,17 +6,13 @@
 #include <cstring>
 
 #include "../base/simd.hpp"
-#include "near.hpp"
+#include "even.hpp"
 
 namespace minicloth {
 namespace LANES {
 namespace {
 
-constexpr double kFar = 1e9;    // m
-constexpr double kSmall = 0.3;  // of the rest area, of cells whose normals tell little
-constexpr double kLevel = 0.2;  // least cosine between neighbours' normals where cells up to kApart apart do not meet
-constexpr double kPlain = 0.8;  // the same of a cell's two triangles
-constexpr int kApart = 2;
+constexpr double kFar = 1e9;  // m
 
 template <class T>
 inline T lesser(T a, T b) {

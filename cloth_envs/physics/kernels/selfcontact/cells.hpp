@@ -52,23 +52,6 @@ const T* slots(Sweep<T>& s, int block) {
   return to;
 }
 
-// Of cell i of a block, the cells up to kApart apart in the block dr - 1, dc - 1 blocks further.
-struct Around {
-  std::uint16_t cells[3][3][kCells] = {};
-  Around() {
-    for (int block = 0; block < 9; ++block)
-      for (int i = 0; i < kCells; ++i)
-        for (int j = 0; j < kCells; ++j) {
-          const int r = (block / 3 - 1) * kSide + j / kSide - i / kSide,
-                    c = (block % 3 - 1) * kSide + j % kSide - i % kSide;
-          const bool near = std::abs(r) <= kApart && std::abs(c) <= kApart;
-          cells[block / 3][block % 3][i] |= std::uint16_t(near << j);
-        }
-  }
-};
-
-constexpr int kCrowded = 64;  // cells that one may be close to, on average
-
 template <class T>
 void cells(Sweep<T>& s, T reach) {
   constexpr int n = kLanes<T>;

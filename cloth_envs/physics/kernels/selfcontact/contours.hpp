@@ -39,12 +39,12 @@ class Contours {
     int hits[2];
     int other(int i) const { return hits[hits[0] == i]; }
   };
-  bool exists(int cell) const { return cell / cols_ < rows_ - 1 && (periodic_ || cell % cols_ < cols_ - 1); }
+  bool exists(int cell) const { return triangles_[2 * cell][0] >= 0; }
   int right(int v) const { return (v + 1) % cols_ ? v + 1 : periodic_ ? v + 1 - cols_ : -1; }
   int left(int v) const { return v % cols_ ? v - 1 : periodic_ ? v - 1 + cols_ : -1; }
-  std::array<int, 3> triangle(int i) const;
+  const std::array<int, 3>& triangle(int i) const { return triangles_[i]; }
   void test(int a, int b);
-  void hit(int triangle, int other);
+  bool hit(int triangle, int other);
   void join();
   void ends();
   void shorten();
@@ -58,6 +58,7 @@ class Contours {
 
   int rows_ = 0, cols_ = 0, pairs_ = 0, stamp_ = 0;
   bool periodic_ = false;
+  std::vector<std::array<int, 3>> triangles_;  // -1 of cells without any
   std::vector<Vec<double>> at_;
   std::vector<Hit> hits_;
   std::vector<Link> links_;

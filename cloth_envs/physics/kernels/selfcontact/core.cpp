@@ -6,7 +6,8 @@
 namespace minicloth {
 namespace {
 
-constexpr double kWindow = 0.01;    // s, for about how long ways are followed
+constexpr double kWindow = 0.01;    // s, for about how long ways are followed,
+constexpr int kLeastWindow = 20;    // steps, and at least, if a frame has them: those of coarse cloths are longer
 constexpr double kWatch = 0.4;      // cells, up to which distance blocks are watched that are not close
 constexpr double kCheck = 0.5;      // of a window, from a search to a check, and between checks at most
 constexpr int kTangledWindow = 31;  // steps, for at most how many while something crosses
@@ -25,7 +26,7 @@ void SelfContact<T>::begin(const Sheet& sheet, const Strips<T>& s, const Fields<
   layer_ = T(sheet.self_thickness), friction_ = T(sheet.self_friction), h_ = T(sheet.frame_dt / count),
   damping_ = T(damping);
   strips_ = &s, f_ = f, member_ = member, cell_area_ = sheet.row_length * sheet.col_length;
-  const int windows = std::max(int(std::lround(sheet.frame_dt / kWindow)), 1);
+  const int windows = std::max(std::min(int(std::lround(sheet.frame_dt / kWindow)), count / kLeastWindow), 1);
   left_ = count_ = count, window_ = (count + windows - 1) / windows;
   sweep_.shape(sheet.rows, sheet.cols, sheet.periodic);
   mobility_.resize(s.field);

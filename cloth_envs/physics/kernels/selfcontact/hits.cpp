@@ -27,11 +27,10 @@ void Contours::shape(int rows, int cols, bool periodic) {
   rows_ = rows, cols_ = cols, periodic_ = periodic;
   const std::size_t n = std::size_t(rows) * cols;
   at_.resize(n), cut_.assign(3 * n, 0), region_.assign(n, 0), pocket_.assign(n, 0), first_.assign(n + 1, 0);
-}
-
-std::array<int, 3> Contours::triangle(int i) const {
-  const int v = i / 2, r = right(v);
-  return i % 2 ? std::array<int, 3>{v, r + cols_, r} : std::array<int, 3>{v, v + cols_, r + cols_};
+  triangles_.assign(2 * n, {-1, -1, -1});
+  for (int v = 0; v < (rows - 1) * cols; ++v)
+    if (const int r = right(v); r >= 0)
+      triangles_[2 * v] = {v, v + cols, r + cols}, triangles_[2 * v + 1] = {v, r + cols, r};
 }
 
 template <class T>
@@ -57,20 +56,22 @@ void Contours::test(int a, int b) {
     for (const int w : triangle(b))
       if (v == w) return;
   const int before = int(hits_.size());
-  hit(a, b), hit(b, a);
+  if (hit(a, b)) hit(b, a);
   const int found = int(hits_.size()) - before;
   pairs_ += found > 0;
   if (found == 2) links_.push_back({{before, before + 1}});
 }
 
-// Edges of a triangle through another one.
-void Contours::hit(int i, int other) {
-  const std::array<int, 3> t = triangle(i), f = triangle(other);
+// Edges of a triangle through another one; whether it has corners on either side of that.
+bool Contours::hit(int i, int other) {
+  const std::array<int, 3>&t = triangle(i), &f = triangle(other);
   const Vec<double>&a = at_[f[0]], &b = at_[f[1]], &c = at_[f[2]], n = cross(b - a, c - a);
   const int kinds[2][3] = {{1, 0, 2}, {2, 1, 0}};
+  double from[3];
+  if (!minicloth::sides({at_[t[0]], at_[t[1]], at_[t[2]]}, a, n, from)) return false;
   for (int k = 0; k < 3; ++k) {
-    const int p = t[k], q = t[(k + 1) % 3];
-    const double d = dot(n, at_[p] - a), e = dot(n, at_[q] - a);
+    const int next = (k + 1) % 3, p = t[k], q = t[next];
+    const double d = from[k], e = from[next];
     if (!((d < 0 && e > 0) || (d > 0 && e < 0))) continue;
     if (!inside(at_[p], at_[q], {a, b, c})) continue;
     const bool forth = i % 2 ? k == 0 : k != 2;  // from the edge's first vertex
@@ -78,6 +79,7 @@ void Contours::hit(int i, int other) {
     hits_.push_back(
         {{p, q, f[0], f[1], f[2]}, edge, i, other, 0, -1, at_[p] + (d / (d - e)) * (at_[q] - at_[p]), {0, 0, 0}});
   }
+  return true;
 }
 
 // The two triangles beside an edge have its hits in common; pieces of a contour meet there.

@@ -10,24 +10,6 @@ namespace LANES {
 namespace {
 
 template <class T>
-inline V<T> gather(const T* base, const int* at) {
-  V<T> v;
-  for (int k = 0; k < kLanes<T>; ++k) v[k] = base[at[k]];
-  return v;
-}
-#if defined(__AVX512F__)
-template <>
-inline V<float> gather(const float* base, const int* at) {
-  return (V<float>)_mm512_i32gather_ps(_mm512_loadu_si512(at), base, 4);
-}
-#elif defined(__AVX2__)
-template <>
-inline V<float> gather(const float* base, const int* at) {
-  return (V<float>)_mm256_i32gather_ps(base, _mm256_loadu_si256((const __m256i*)at), 4);
-}
-#endif
-
-template <class T>
 void look(const T* x, const T* v, int width, const Sweep<T>& s, Close<T>* parts, const int* which, int count,
           bool edges, const Looking<T>& how, std::uint8_t* wait) {
   constexpr int n = kLanes<T>;

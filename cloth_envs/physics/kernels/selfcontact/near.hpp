@@ -14,6 +14,7 @@ namespace minicloth {
 constexpr int kSide = 4,
               kCells = kSide * kSide;  // cells along a block's side, in a block; the same of blocks in a group
 constexpr int kPoints = (kSide + 1) * (kSide + 1);  // of a block: its cells' corners
+constexpr int kCrowded = 64;                        // cells that one may be close to, on average
 constexpr int kWide = 32;                           // the same with some to spare, which repeat the last one
 constexpr int kBox = 12;                            // lo and hi x, y, z of points now, then of them at the end
 constexpr int kRecord = 32;                         // numbers of a cell: its corners now, then at the end, and 8 unused
