@@ -25,13 +25,13 @@ class LongRow:
     the nudged reference is every column's floor: how far the reference is from itself.
 
     Attributes:
-        episodes, ended: those that are compared, as they lived on both; those that failed here.
+        episodes, ended: those that lived here and in both runs of the reference, which are compared; those that failed.
         height: difference of the mean heights, in standard deviations. bending, kinetic, strain: ratios of means.
         height_apart, bending_apart, kinetic_apart, strain_apart: distances.
         observed, observed_worst, worst: mean and largest distance over the observation's components that the cloth
             decides, and which one that is.
         fresh: mean distance of observations from *other* episodes of the reference, over that of the nudged reference
-            from them: 1 for who can't be told from the reference by half as many episodes, paired by nothing.
+            from them: 1 for who can't be told from the reference by half as many episodes of each.
         reward, reward_error: mean reward a frame less the reference's, and its standard error over episodes.
         space, time: distances of spectra [dB]: of curvature along rows finer than an eighth of the Nyquist limit, and
             of motion.
