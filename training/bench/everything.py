@@ -24,7 +24,7 @@ from cloth_envs.progress import announce, progress, say
 from training.bench.benchmark import BENCHMARKS, Benchmark, check_revision, find, revision, saved
 from training.rows import Store, read_names
 
-# All but those that are of kernels, of solvers, of single sheets, of other programs, of other papers, of a million steps.
+# All but those of kernels, of solvers, of single sheets, of other programs, of other papers, and of a million steps.
 APART = ("throughput", "convergence", "folds", "peers", "tables", "endurance")
 USUAL = [name for name in BENCHMARKS if name not in APART]
 RECORD, PARTS = "all.json", "parts"
