@@ -211,7 +211,7 @@ class Follow:
 
 def test_ppo_learns_and_is_repeatable() -> None:
     """It is off by less than half of what no action is, 0.44 in the mean of these."""
-    agents = [ppo.train(Follow(), ppo.Recipe(updates=15), frames=25, seed=1) for _ in range(2)]  # type: ignore[arg-type]
+    agents = [ppo.train(Follow(), ppo.Recipe(updates=15, epochs=15), frames=25, seed=1) for _ in range(2)]  # type: ignore[arg-type]
     wanted = np.linspace(-0.8, 0.8, 9)
     first, second = (agent.act(wanted[:, None])[:, 0] for agent in agents)
     np.testing.assert_array_equal(first, second)

@@ -24,8 +24,8 @@ class Recipe:
     actions at first.
     """
 
-    updates: int = 32
-    epochs: int = 15
+    updates: int = 60
+    epochs: int = 8
     minibatch: int = 400
     rate: float = 1e-3
     horizon: float = 0.65
