@@ -60,7 +60,6 @@ class Everything:
         record = self.out / RECORD
         if given.fresh:
             self.clear()
-        (self.out / PARTS).mkdir(exist_ok=True)
         for path in (record, *(self.out / f"{b.header}.json" for b in self.chosen)):
             if path.is_file():
                 old = read_json(path, "quick", remedy="restore it, or start anew with --fresh")
@@ -68,6 +67,7 @@ class Everything:
                 if old["quick"] != given.quick:
                     raise ValueError(f"{self.out} holds rows with or without --quick: choose another --out, or --fresh")
                 self.done |= old["seconds"] if path == record else {}
+        (self.out / PARTS).mkdir(exist_ok=True)
 
     def clear(self) -> None:
         """Remove the rows and headers of what was chosen, and the record."""
