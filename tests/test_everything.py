@@ -122,6 +122,14 @@ def test_rows_of_another_revision_are_refused_or_measured_anew(toy: Benchmark, t
     assert json.loads(header.read_text())["revision"] == revision()
 
 
+def test_code_that_changes_meanwhile_is_told(
+    toy: Benchmark, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(everything, "revision", lambda: "older")
+    assert everything.main(["--out", str(tmp_path / "out"), "--only", "toy", "--jobs", "1"]) == 1
+    assert f"the code became revision {revision()} meanwhile" in capsys.readouterr().out
+
+
 def test_every_usual_benchmark_is_divided_into_what_it_takes() -> None:
     """Each piece is a command line that its benchmark reads."""
     for name in everything.USUAL:

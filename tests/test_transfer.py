@@ -174,11 +174,10 @@ def test_gaps_are_within_a_learner() -> None:
 
 def test_generalised_advantages_by_hand() -> None:
     """Two frames; the second member is over after the first: neither later reward nor later value counts for it."""
-    recipe = ppo.Recipe(discount=0.5, trace=0.5)
     rewards, alive = torch.tensor([[1.0, 1.0], [2.0, 9.0]]), torch.tensor([[1.0, 0.0], [1.0, 0.0]])
     values = torch.tensor([[0.5, 0.5], [1.0, 7.0], [4.0, 7.0]])
     last = 2 + 0.5 * 4 - 1
-    found = ppo.advantages(rewards, values, alive, recipe)
+    found = ppo.advantages(rewards, values, alive, 0.5, 0.5)
     assert found[:, 0].tolist() == [1 + 0.5 * 1 - 0.5 + 0.25 * last, last]
     assert found[0, 1] == 1 - 0.5
 
@@ -198,7 +197,7 @@ class Follow:
     num_envs, frame = 16, 0
 
     def __init__(self) -> None:
-        self.task = SimpleNamespace(actions=["x"])
+        self.task, self.scene = SimpleNamespace(actions=["x"]), SimpleNamespace(frame_dt=0.04)
 
     def reset(self, rngs: Any) -> None:
         self.wanted = np.array([rng.uniform(-0.8, 0.8) for rng in rngs.values()])
@@ -212,7 +211,7 @@ class Follow:
 
 def test_ppo_learns_and_is_repeatable() -> None:
     """It is off by less than half of what no action is, 0.44 in the mean of these."""
-    agents = [ppo.train(Follow(), ppo.Recipe(updates=15), frames=25, seed=1) for _ in range(2)]  # type: ignore[arg-type]
+    agents = [ppo.train(Follow(), ppo.Recipe(updates=15, epochs=15), frames=25, seed=1) for _ in range(2)]  # type: ignore[arg-type]
     wanted = np.linspace(-0.8, 0.8, 9)
     first, second = (agent.act(wanted[:, None])[:, 0] for agent in agents)
     np.testing.assert_array_equal(first, second)

@@ -24,10 +24,10 @@ from cloth_envs.progress import announce, progress, say
 from training.bench.benchmark import BENCHMARKS, Benchmark, check_revision, find, revision, saved
 from training.rows import Store, read_names
 
-# All but those of kernels, of solvers, of single sheets, of other programs, of other papers, of a million steps.
+# All but those of kernels, of solvers, of single sheets, of other programs, of other papers, and of a million steps.
 APART = ("throughput", "convergence", "folds", "peers", "tables", "endurance")
 USUAL = [name for name in BENCHMARKS if name not in APART]
-RECORD, PARTS = "all.json", "parts"
+RECORD, PARTS, TIMES = "all.json", "parts", ("--times-only",)
 RUN = "import sys; from training.bench.benchmark import find; sys.exit(find(sys.argv[1]).main(sys.argv[2:]))"
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
@@ -67,6 +67,7 @@ class Everything:
                 if old["quick"] != given.quick:
                     raise ValueError(f"{self.out} holds rows with or without --quick: choose another --out, or --fresh")
                 self.done |= old["seconds"] if path == record else {}
+        (self.out / PARTS).mkdir(exist_ok=True)
 
     def clear(self) -> None:
         """Remove the rows and headers of what was chosen, and the record."""
@@ -83,18 +84,22 @@ class Everything:
         if piece.name in self.done:
             return piece, self.done[piece.name], ""
         given, log = self.given, self.out / PARTS / f"{piece.name}.txt"
-        log.parent.mkdir(exist_ok=True)
         words = [*piece.options, "--out", str(folder), *(["--quick"] if given.quick else [])]
         words += ["--cache", str(given.cache)] if given.cache else []
         words += ["--images", str(given.images)] if given.images and folder == self.out else []
         command, begin = [sys.executable, "-c", RUN, piece.benchmark, *words], perf_counter()
         with log.open("w") as file:
-            code = subprocess.run(
-                command, env=os.environ | ONE_THREAD, stdout=file, stderr=file, check=False
-            ).returncode
-        said = log.read_text(errors="replace").strip().splitlines() if code else []
-        why = (said[-1] if said else f"it ended with {code}") if code else ""
-        return piece, round(perf_counter() - begin, 1), why
+            ran = subprocess.run(command, env=os.environ | ONE_THREAD, stdout=file, stderr=file, check=False)
+        why, seconds = "", round(perf_counter() - begin, 1)
+        if ran.returncode:
+            said = log.read_text(errors="replace").strip().splitlines()
+            why = said[-1] if said else f"it ended with {ran.returncode}"
+        else:
+            at = read_json(folder / f"{find(piece.benchmark).header}.json", remedy="start anew with --fresh")[
+                "revision"
+            ]
+            why = f"the code became revision {at} meanwhile: start anew with --fresh" if at != self.revision else ""
+        return piece, seconds, why
 
     def part(self, piece: Piece) -> tuple[Piece, float, str]:
         """A piece of rows, in a folder of its own that knows the times."""
@@ -116,6 +121,10 @@ class Everything:
             for piece in mine if file.key else ():
                 store.add(*saved(benchmark, self.out / PARTS / piece.name).get(stem, ()))
         self.note(*self.run(Piece(benchmark.name), self.out))
+        if benchmark.name in self.done:
+            for piece in (*mine, Piece(benchmark.name), Piece(benchmark.name, TIMES)):
+                shutil.rmtree(self.out / PARTS / piece.name, ignore_errors=True)
+                (self.out / PARTS / f"{piece.name}.txt").unlink(missing_ok=True)
 
     def note(self, piece: Piece, seconds: float, why: str) -> None:
         """Keep what has come of a piece."""
@@ -158,7 +167,7 @@ def main(argv: Sequence[str]) -> int:
         f"at once; {len(all_of.done)} are done. Stopped by Ctrl-C, the same command goes on."
     )
     for benchmark in (b for b in chosen if b.times):
-        all_of.note(*all_of.run(Piece(benchmark.name, ("--times-only",)), given.out))
+        all_of.note(*all_of.run(Piece(benchmark.name, TIMES), given.out))
     with ThreadPoolExecutor(given.jobs) as pool:
         running = [pool.submit(all_of.part, piece) for piece in pieces]
         try:
@@ -168,7 +177,7 @@ def main(argv: Sequence[str]) -> int:
             pool.shutdown(cancel_futures=True)
     for benchmark in chosen:
         all_of.finish(benchmark)
-    if not all_of.failed:
-        shutil.rmtree(given.out / PARTS)
+    if not any((given.out / PARTS).iterdir()):
+        (given.out / PARTS).rmdir()
     print(all_of.summary(perf_counter() - begin))
     return int(bool(all_of.failed))

@@ -19,16 +19,17 @@ from training.bench.transfer.policies import FIRST_SEED
 
 @dataclass(frozen=True)
 class Recipe:
-    """How it is run: ``discount`` and ``trace`` (lambda) of advantages, ``clip`` of the ratio of probabilities, weight
-    of the ``value`` loss, ``largest`` norm of a gradient, ``spread`` of actions at first.
+    """How it is run: time [s] in which a reward's worth falls to 1/e (``horizon``), ``trace`` (lambda) of advantages,
+    ``clip`` of the ratio of probabilities, weight of the ``value`` loss, ``largest`` norm of a gradient, ``spread`` of
+    actions at first.
     """
 
-    updates: int = 32
-    epochs: int = 20
+    updates: int = 60
+    epochs: int = 8
     minibatch: int = 400
     rate: float = 1e-3
-    discount: float = 0.9
-    trace: float = 0.9
+    horizon: float = 0.65
+    trace: float = 0.95
     clip: float = 0.2
     value: float = 0.5
     largest: float = 0.5
@@ -89,7 +90,7 @@ class Agent(nn.Module):
         return middle.clamp(-1, 1).double().numpy()
 
 
-def advantages(rewards: Tensor, values: Tensor, alive: Tensor, recipe: Recipe) -> Tensor:
+def advantages(rewards: Tensor, values: Tensor, alive: Tensor, discount: float, trace: float) -> Tensor:
     """Generalised advantages (Schulman et al. 2016, arXiv:1506.02438), ``(T, B)``.
 
     ``values`` ``(T + 1, B)`` go on behind the last frame, where an episode is cut and not over; nothing follows a frame
@@ -97,8 +98,8 @@ def advantages(rewards: Tensor, values: Tensor, alive: Tensor, recipe: Recipe) -
     """
     out, ahead = torch.zeros_like(rewards), torch.zeros_like(rewards[0])
     for t in reversed(range(len(rewards))):
-        surprise = rewards[t] + recipe.discount * values[t + 1] * alive[t] - values[t]
-        ahead = surprise + recipe.discount * recipe.trace * alive[t] * ahead
+        surprise = rewards[t] + discount * values[t + 1] * alive[t] - values[t]
+        ahead = surprise + discount * trace * alive[t] * ahead
         out[t] = ahead
     return out
 
@@ -111,6 +112,7 @@ def train(
     ``tell`` is given the number of every update and the mean reward a frame in it.
     """
     members, noise = world.num_envs, torch.Generator().manual_seed(seed)
+    discount = float(np.exp(-world.scene.frame_dt / recipe.horizon))
     with torch.random.fork_rng():
         torch.manual_seed(seed)
         world.reset({i: np_random(i)[0] for i in range(members)})
@@ -130,7 +132,7 @@ def train(
                 told = agent.log_probability(scaled, actions)
             rewards, reasons = world.step(actions.clamp(-1, 1).double().numpy())
             alive = alive & [reason is None for reason in reasons]
-            sums = recipe.discount * sums + rewards
+            sums = discount * sums + rewards
             earned.add(sums[:, None])
             total += float((rewards * alive).mean()) / frames
             gained = torch.as_tensor(rewards / earned.spread, dtype=torch.float32)
@@ -140,7 +142,7 @@ def train(
         scaled, actions, told, gained, going, counts = (torch.stack(column) for column in zip(*played, strict=True))
         with torch.no_grad():
             values = agent.critic(torch.cat([scaled, agent.scaled(obs)[None]]))[..., 0]
-        gains = advantages(gained, values, going, recipe)
+        gains = advantages(gained, values, going, discount, recipe.trace)
         data = [part[counts] for part in (scaled, actions, told, gains, gains + values[:-1])]
         for _ in range(recipe.epochs):
             for rows in torch.split(torch.randperm(len(data[0]), generator=noise), recipe.minibatch):
