@@ -163,7 +163,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
                 finals[i] = member(observations, int(i))
             last = infos | self._of_frame(ended)
             infos = {"final_obs": finals, "_final_obs": ended.copy(), "final_info": last, "_final_info": ended.copy()}
-            frame, started = self._of_frame(~ended), ended
+            frame, started = self._of_frame(~ended), ended.copy()
             self._start(np.flatnonzero(ended))
             observations = world.observe()
         return observations, rewards, terminated, truncated, infos | frame | self._by_other_means(started)

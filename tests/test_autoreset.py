@@ -73,17 +73,22 @@ class ByHand:
         answers = []
         for i, env in enumerate(self.envs):
             if self.ended[i] and self.mode is NEXT:
-                answers.append([env.reset()[0], 0.0, False, False, {}])
+                observation, info = env.reset()
+                answers.append([observation, 0.0, False, False, info])
             else:
                 answers.append(list(env.step(actions[i])))
             self.ended[i] = answers[i][2] or answers[i][3]
             if self.ended[i] and self.mode is SAME:
-                answers[i][4] = {"final_obs": answers[i][0], "final_info": answers[i][4]}
-                answers[i][0] = env.reset()[0]
+                final = {"final_obs": answers[i][0], "final_info": answers[i][4]}
+                answers[i][0], info = env.reset()
+                answers[i][4] = final | info
         return answers
 
-    def reset(self, which: np.ndarray) -> list[np.ndarray]:
-        return [env.reset()[0] for env, now in zip(self.envs, which, strict=True) if now]
+    def reset(self, which: np.ndarray, seed: int | None = None) -> tuple[list[np.ndarray], list[dict[str, Any]]]:
+        """Observations of those, and infos of all."""
+        seeds = [None if seed is None else seed + i for i in range(N)]
+        answers = [env.reset(seed=seeds[i]) if which[i] else (None, {}) for i, env in enumerate(self.envs)]
+        return [found for found, _ in answers if found is not None], [info for _, info in answers]
 
 
 @pytest.fixture(autouse=True)
@@ -100,8 +105,9 @@ def test_members_are_single_environments(case: Case, mode: AutoresetMode) -> Non
     many = gym.make_vec(cloth_envs.env_id(scene), num_envs=N, autoreset_mode=mode.value, **SMALL | options)
     many, ones = DictInfoToList(frail(many, strain)), ByHand(case, mode)
     first, infos = many.reset(seed=SEED)
-    assert np.array_equal(first, [env.reset(seed=SEED + i)[0] for i, env in enumerate(ones.envs)])
-    assert list(infos) == [{}] * N
+    alone, told = ones.reset(np.ones(N, bool), SEED)
+    assert np.array_equal(first, alone)
+    assert list(infos) == told
     rng = np.random.default_rng(0)
     failures = truncations = 0
     for _ in range(FRAMES):
@@ -120,8 +126,10 @@ def test_members_are_single_environments(case: Case, mode: AutoresetMode) -> Non
         failures, truncations = failures + terminated.sum(), truncations + (truncated & ~terminated).sum()
         ended = terminated | truncated
         if mode is DISABLED and ended.any():
-            found, _ = many.reset(options={"reset_mask": ended})
-            assert np.array_equal(found[ended], ones.reset(ended))
+            found, infos = many.reset(options={"reset_mask": ended})
+            alone, told = ones.reset(ended)
+            assert np.array_equal(found[ended], alone)
+            assert list(infos) == told
     assert failures > 0
     assert truncations > 0
     assert failures + truncations > N  # some are in their third episode

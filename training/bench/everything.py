@@ -24,8 +24,9 @@ from cloth_envs.progress import announce, progress, say
 from training.bench.benchmark import BENCHMARKS, Benchmark, check_revision, find, revision, saved
 from training.rows import Store, read_names
 
-# All but those of kernels, of solvers, of single sheets, of other programs, of other papers, and of a million steps.
-APART = ("throughput", "convergence", "folds", "peers", "tables", "endurance")
+# All but those of kernels, of solvers, of single sheets, of other programs, of other papers and of a million steps, and
+# the one whose table ``backend="auto"`` reads: it is made first, and is code of the others.
+APART = ("throughput", "convergence", "folds", "peers", "tables", "endurance", "choices")
 USUAL = [name for name in BENCHMARKS if name not in APART]
 RECORD, PARTS, TIMES = "all.json", "parts", ("--times-only",)
 RUN = "import sys; from training.bench.benchmark import find; sys.exit(find(sys.argv[1]).main(sys.argv[2:]))"
