@@ -99,6 +99,7 @@ class Upscaled:
         else:
             self._state = self.state.copy()
             self._state.assign(list(which), state)
+        self._state.health = find(self.coarse.scene.grid, self.coarse.state)  # type: ignore[misc]
 
     def advance(self, controls: Controls) -> State:
         """One frame; the fine cloth is computed when it is first read, at once for an upscaler that remembers."""

@@ -29,6 +29,7 @@ BENCHMARKS: dict[str, str] = {
     "stability": "training.bench.stability.run",
     "transfer": "training.bench.transfer.run",
     "choices": "training.bench.choices",
+    "outside": "training.bench.outside",
     "mesh": "training.bench.mesh",
     "folds": "training.bench.folds",
     "endurance": "training.bench.endurance",
