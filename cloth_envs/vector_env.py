@@ -126,8 +126,11 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
 
     def _by_other_means(self, started: np.ndarray) -> dict[str, np.ndarray]:
         """``info["surrogate"]`` of the members that have ``started``, bool ``(B,)``."""
+        if not started.any():
+            return {}
         why = self.world.surrogate
-        return _told("surrogate", np.where(started, why, None), started & (why != ""))
+        why[~started] = None
+        return _told("surrogate", why, started & (why != ""))
 
     def _start(self, which: np.ndarray) -> None:
         rngs = {int(i): rng for i in which if (rng := self.world.rngs[i]) is not None}

@@ -262,7 +262,7 @@ class World:
     @property
     def surrogate(self) -> np.ndarray:
         """By what other means than usual each member is stepped and why, ``(B,)`` text, empty of most."""
-        return np.asarray(getattr(self.backend, "surrogate", np.full(self.num_envs, "", object)))
+        return np.array(getattr(self.backend, "surrogate", np.full(self.num_envs, "", object)), object)
 
     @property
     def measured_error(self) -> np.ndarray:

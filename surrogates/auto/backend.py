@@ -148,7 +148,12 @@ class AutoBackend:
         if self._verify:
             verifying = self._backends[-1].state
             found |= {f"verifying.{name}": getattr(verifying, name) for name in CLOTH}
-            told = {"watched": self._watched, "left": self._left, "credit": self._credit, "level": self.level}
+            told: dict[str, Any] = {
+                "watched": self._watched,
+                "left": self._left,
+                "credit": self._credit,
+                "level": self.level,
+            }
             found |= {name: np.broadcast_to(np.float64(value), (self.num_envs,)) for name, value in told.items()}
         return found
 

@@ -97,9 +97,10 @@ def measure(session: Session) -> None:
     for cell in progress(cells, STEM, name=" ".join):
         scene, *of = cell
         todo = [one for one in everyone if (scene, one.family, one.text, *of, HORIZONS[0]) not in store]
-        windows = gathered(session, *cell) if todo else None
-        for one in todo if windows else []:
-            store.add(*errors(one, windows, *of))
+        if todo:
+            windows = gathered(session, *cell)
+            for one in todo:
+                store.add(*errors(one, windows, *of))
     if session.given.table:
         write_table(session)
 
@@ -156,7 +157,8 @@ def checked(rows: Sequence[ChoiceRow], prices: Sequence[CostRow]) -> str:
                     lines.append(f"{at}below the chaos floor of {floor:.2g} %")
                     continue
                 held = [o for o in entry["backends"] if o["error"][str(frames)] * MARGIN <= most]
-                chosen = min(held, key=lambda o: o["ms"], default={"backend": "reference", "options": {}, "ms": usual})
+                own: dict[str, Any] = {"backend": "reference", "options": {}, "ms": usual}
+                chosen = min(held, key=lambda o: o["ms"], default=own)
                 one = next(p for p in CHOICES if (p.backend, p.whole) == (chosen["backend"], chosen["options"]))
                 mine = [r for r in rows if (r.scene, r.family, r.options) == (scene, one.family, one.text)]
                 held_out = [r for r in mine if (r.split, r.frames) == ("held out", frames)]
