@@ -148,13 +148,9 @@ class AutoBackend:
         if self._verify:
             verifying = self._backends[-1].state
             found |= {f"verifying.{name}": getattr(verifying, name) for name in CLOTH}
-            told: dict[str, Any] = {
-                "watched": self._watched,
-                "left": self._left,
-                "credit": self._credit,
-                "level": self.level,
-            }
-            found |= {name: np.broadcast_to(np.float64(value), (self.num_envs,)) for name, value in told.items()}
+            whole = np.ones(self.num_envs)
+            found |= {"watched": whole * self._watched, "left": whole * self._left}
+            found |= {"credit": whole * self._credit, "level": whole * self.level}
         return found
 
     def recall(self, memory: Mapping[str, np.ndarray]) -> None:
