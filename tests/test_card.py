@@ -9,19 +9,21 @@ from cloth_envs.registry import PRESETS, SCENES
 from cloth_envs.world import World
 from surrogates.miniature.card import LAW, RANGES, numbers
 from surrogates.miniature.choice import closure_card
+from surrogates.miniature.coarse import coarse_grid
 
 RNG = np.random.default_rng(0)
 BEYOND = {
     "another preset": ({"preset": "lee2019"}, "similar, bicubic: another scene than the one of its fit: "),
     "own compression": ({"material": {"compression": 0.5}}, "similar, bicubic: compression 0.5, fitted on 1"),
     "heavy": ({"material": {"areal_density": 2.5}}, "similar, bicubic: stretch by its own weight 12.5 times"),
+    "twice the grid": ({"resolution": (65, 97)}, "similar, bicubic: 32 coarse cells down, fitted up to 19"),
     "few cells": ({"resolution": (9, 13)}, "closure, bilinear: 8 cells down, fitted on 32"),
     "oblong cells": ({"resolution": (17, 49)}, "closure, bilinear: cells 2 times longer than wide"),
     "few cells, heavy": ({"resolution": (9, 13), "material": {"areal_density": 2.5}}, "similar, bilinear: stretch by"),
 }
 WITHIN = {fabric: {"material": fabric} for fabric in FABRICS} | {
     "half the grid": {"resolution": (17, 25)},
-    "twice the grid": {"resolution": (65, 97)},
+    "twice the grid": {"resolution": (65, 97), "backend_kwargs": {"factor": 4}},
     "no self-contact": {"self_contact": False},
 }
 
@@ -102,5 +104,6 @@ def test_every_scene_has_a_card_of_its_own_cloth(scene: str, factor: int) -> Non
     assert card is not None
     own = World(scene).scene
     assert card.scene == own
-    assert card.beyond(own) == ""
+    coarse = coarse_grid(own.grid, factor)
+    assert card.beyond(own, coarse) == card.grid_beyond(own.grid, coarse) == ""
     assert all(getattr(own.material, name) == 1 for name in LAW)

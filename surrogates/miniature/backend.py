@@ -10,7 +10,7 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from surrogates.miniature.choice import choose, closure_card
-from surrogates.miniature.coarse import CoarsePhysics
+from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
 from surrogates.miniature.correction import Correction, shipped
 from surrogates.miniature.mending import mends
 from surrogates.miniature.upscaled import Upscaled
@@ -74,7 +74,7 @@ class MiniatureBackend(Upscaled):
         if usual:
             scaling, upscaler, least, why = choose(scene, factor)
         elif scaling == "closure" and factors is None and fitted is not None:
-            why = fitted.beyond(scene)
+            why = fitted.beyond(scene, coarse_grid(scene.grid, factor))
         if true_or_false("strict", strict) and why:
             raise ValueError(f"strict=True: {why}: leave strict out for a plainer miniature, or use the reference")
         self._strict, self._why, self._told = strict, why, np.full(num_envs, "", object)

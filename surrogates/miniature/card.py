@@ -26,7 +26,8 @@ RANGES: dict[str, tuple[float, float]] = {
     "drag over the time of a fall": (0.0, 1.0),
     "weight of the cloth over the air's": (0.2, 5.0),
 }
-CELLS = (0.49, 2.05)  # cells along a side over those of the fit's grid
+FEWEST = 0.49  # cells along a side over those of the task's own grid
+FINEST = 0.6  # the same of the coarse grid: a finer one needs no closure
 OBLONG = 1.5  # how many times longer than wide cells may be
 LAW = ("compression", "buckling_strain", "post_buckling", "compression_damping")
 
@@ -62,9 +63,9 @@ class Card:
         """From what the file says of a scene at a grid factor, ``"fitted on"``."""
         return cls.of(name, tuple(entry["resolution"]), tuple(Material(**entry["material"]).as_dict().values()))
 
-    def beyond(self, scene: Scene) -> str:
-        """Why closure and network do not hold in ``scene``; empty if they do."""
-        return self.scene_beyond(scene) or self.material_beyond(scene.material) or self.grid_beyond(scene.grid)
+    def beyond(self, scene: Scene, coarse: Grid) -> str:
+        """Why the closure does not hold in ``scene`` on the ``coarse`` grid; empty if it does."""
+        return self.scene_beyond(scene) or self.material_beyond(scene.material) or self.finer(coarse)
 
     def scene_beyond(self, scene: Scene) -> str:
         """Why the closure was not fitted on ``scene``, whatever its material; empty if it was."""
@@ -75,17 +76,23 @@ class Card:
             return f"another scene than the one of its fit: {', '.join(other)}"
         return ""
 
-    def grid_beyond(self, grid: Grid) -> str:
-        """Why the network was not trained for ``grid``: fewer or more cells, or oblong ones; empty if it was."""
-        for what, mine, fitted in zip(("down", "across"), grid.cells, self.scene.grid.cells, strict=True):
-            if not CELLS[0] <= mine / fitted <= CELLS[1]:
-                return f"{mine} cells {what}, fitted on {fitted}"
-        return self.shape_beyond(grid)
+    def finer(self, coarse: Grid) -> str:
+        """Why the ``coarse`` grid is finer than any of a fit; empty if it is not."""
+        for what, mine, own in zip(("down", "across"), coarse.cells, self.scene.grid.cells, strict=True):
+            if mine > FINEST * own:
+                return f"{mine} coarse cells {what}, fitted up to {FINEST * own:.0f}"
+        return ""
 
-    def shape_beyond(self, grid: Grid) -> str:
-        """The same of the shape of its cells alone."""
-        oblong = max(grid.row_spacing / grid.col_spacing, grid.col_spacing / grid.row_spacing)
-        return f"cells {oblong:.2g} times longer than wide, fitted up to {OBLONG:g}" if oblong > OBLONG else ""
+    def grid_beyond(self, fine: Grid, coarse: Grid) -> str:
+        """Why the network was not trained for these grids, of few or oblong cells; empty if it was."""
+        for what, mine, own in zip(("down", "across"), fine.cells, self.scene.grid.cells, strict=True):
+            if mine < FEWEST * own:
+                return f"{mine} cells {what}, fitted on {own}"
+        for grid in (fine, coarse):
+            oblong = max(grid.row_spacing / grid.col_spacing, grid.col_spacing / grid.row_spacing)
+            if oblong > OBLONG:
+                return f"cells {oblong:.2g} times longer than wide, fitted up to {OBLONG:g}"
+        return ""
 
     def material_beyond(self, material: Material) -> str:
         """Why the closure does not hold for a cloth of ``material``; empty if it does."""
