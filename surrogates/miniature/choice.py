@@ -31,8 +31,8 @@ def closure_card(scene: str, factor: int) -> Card | None:
 def choose(scene: Scene, factor: int) -> Choice:
     """``"closure"`` and ``"local"`` within their card, else what is plainer.
 
-    On another scene or cloth, or where the coarse grid is fine, that is ``"similar"`` and ``"bicubic"``. On grids of few
-    or oblong cells a cloth would tear with the network: it is interpolated linearly there, from at least ``LEAST``
+    On another scene or cloth, or where the coarse grid is fine, that is ``"similar"`` and ``"bicubic"``. On grids of
+    few or oblong cells a cloth would tear with the network: it is interpolated linearly there, from at least ``LEAST``
     coarse cells along each side, and one that has no more is not coarsened.
     """
     fitted = closure_card(scene.name, factor)
