@@ -1,6 +1,6 @@
 """Time and error of every backend in a scene, as ``minicloth bench choices`` measured them, and a choice by them.
 
-Errors are against the reference, restarted from it, under smooth, random and bang-bang actions.
+Errors are against the reference, restarted from it, under four kinds of open-loop actions.
 """
 
 from collections.abc import Mapping

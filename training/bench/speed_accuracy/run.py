@@ -25,7 +25,7 @@ from training.bench.speed_accuracy.speedup import table as speedup_table
 from training.rows import read_names
 from training.truth import Case, load
 
-SEEDS = (200, 201, 202, 203, 204)  # held out: the miniature was calibrated on 100..103
+SEEDS = (1500, 1501, 1502, 1503, 1504)  # no fit has seen them, nor has a choice
 FRAMES, STARTS = 125, (25, 50, 100)  # of an episode's truth; frames at which the windows begin
 TRUTH = "fine"  # finer than G1: explicit at a quarter of its step would be compared with itself
 # Seconds for one method's windows of a scene, and for its falls. Slower ones do less: at least one of both; the rows
