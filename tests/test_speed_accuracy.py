@@ -201,7 +201,7 @@ def test_quick_run_end_to_end_and_again(tmp_path: Path, capsys: pytest.CaptureFi
     assert "miniature similar x4" in text
     about = json.loads((out / "speed_accuracy.json").read_text())
     assert about["quick"] is True
-    assert about["seeds"] == [200, 201]
+    assert about["seeds"] == [1500, 1501]
     tables = {path.name: path.read_text() for path in out.glob("*.csv")}
     assert len(tables) == 5
     rows = read_rows(out / "speed_accuracy.csv", SpeedAccuracyRow)
