@@ -24,7 +24,7 @@ TOLERANCE = 1e-6
 SEEDS = 3  # 0, 1, 2: the members of a batch
 POLICIES = ("smooth", "bang-bang")
 LEE, ZHAO = ("Curtain", "Flag", "Collision"), ("Pressure", "Hanging", "BallDrop")
-CORRECTED = {"Curtain": (4,), "Flag": (4,), "Collision": (2, 4), "Hanging": (2, 4)}  # weights that are shipped
+CORRECTED = {"Curtain": (4,)}
 SLOW = 3  # frames of what takes seconds a frame
 
 

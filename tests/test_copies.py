@@ -23,7 +23,7 @@ BACKENDS: dict[str, dict[str, Any]] = {
     "admm": {"backend_kwargs": {"solver": "admm"}},
     "implicit": {"backend_kwargs": {"solver": "implicit"}},
     "miniature": {"backend": "miniature"},
-    "corrected": {"backend": "miniature", "backend_kwargs": {"correction": "learned", "factor": 4}},
+    "corrected": {"scene": "Curtain", "backend": "miniature", "backend_kwargs": {"correction": "learned", "factor": 4}},
     "cnn": {"backend": "cnn"},
     "torch": {"backend": "cnn", "backend_kwargs": {"engine": "torch"}},
 }

@@ -107,7 +107,7 @@ FAMILIES: dict[str, list[Participant]] = {
         _miniature("calibrated local", scaling="calibrated", upscaler="local"),
         _miniature("miniature closure", scaling="closure"),
         _miniature("miniature"),  # as an agent meets it
-        _miniature("closure learned", 2, 4, scaling="closure", correction="learned"),
+        _miniature("closure learned", 4, scaling="closure", correction="learned"),
         [Participant("cnn", "cnn")],
         _sweep("similar + offset", f"{BASELINES}:Offset", *FACTORS, scaling="similar"),
         _sweep("calibrated + offset", f"{BASELINES}:Offset", *FACTORS, scaling="calibrated"),
