@@ -7,7 +7,7 @@ network are nearer to the reference than the ``"similar"`` cloth (``minicloth be
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "drag over the time of a fall": (0.0, 1.0),
     "weight of the cloth over the air's": (0.2, 5.0),
 }
+TAUT = (0.9, 1.1)  # the same of every number of a cloth whose whole border is held: little is gained there, nor far
 FEWEST = 0.49  # cells along a side over those of the task's own grid
 FINEST = 0.6  # the same of the coarse grid: a finer one needs no closure
 OBLONG = 1.5  # how many times longer than wide cells may be
@@ -51,6 +52,11 @@ class Card:
     """What a scene's closure was fitted on: ``scene``, of its task's own grid and material."""
 
     scene: Scene
+
+    @cached_property
+    def taut(self) -> bool:
+        """Whether the whole border is held."""
+        return set(self.scene.grid.border.tolist()) <= set(self.scene.handles)
 
     @classmethod
     @cache
@@ -103,7 +109,7 @@ class Card:
         base = numbers(self.scene, fitted)
         for name, value in numbers(self.scene, material).items():
             ratio = value / base[name] if base[name] else value
-            low, high = RANGES[name]
+            low, high = TAUT if self.taut and base[name] else RANGES[name]
             if not low <= ratio <= high:
                 return f"{name} {ratio:.3g} times that of the fit, measured from {low:g} to {high:g}"
         return ""

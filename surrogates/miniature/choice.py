@@ -32,15 +32,17 @@ def choose(scene: Scene, factor: int) -> Choice:
     """``"closure"`` and ``"local"`` within their card, else what is plainer.
 
     On another scene or cloth, or where the coarse grid is fine, that is ``"similar"`` and ``"bicubic"``. On grids of
-    few or oblong cells a cloth would tear with the network: it is interpolated linearly there, from at least ``LEAST``
-    coarse cells along each side, and one that has no more is not coarsened.
+    few or oblong cells a cloth that is not taut would tear with the network: it is interpolated linearly there, from at
+    least ``LEAST`` coarse cells along each side, and one that has no more is not coarsened.
     """
     fitted = closure_card(scene.name, factor)
     if fitted is None or not of_factor(weights_name("local", scene.name), factor):
         return Choice(why=f"no closure of {scene.name} at factor {factor}")
     coarse = coarse_grid(scene.grid, factor)
     other, grid = fitted.beyond(scene, coarse), fitted.grid_beyond(scene.grid, coarse)
-    if not grid:
-        return Choice(why=other) if other else Choice("closure", "local")
+    if not grid and not other:
+        return Choice("closure", "local")
+    if not grid or fitted.taut:
+        return Choice(why=other or grid)
     whole = coarse_grid(scene.grid, factor, LEAST) == scene.grid
     return Choice("similar" if other or whole else "closure", "bilinear", LEAST, other or grid)
