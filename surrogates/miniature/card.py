@@ -1,8 +1,8 @@
 """Where a closure holds: the scene and cloth that it was fitted on, and how far from them it was measured to be good.
 
 Cloths are compared by numbers without a unit (``numbers``), so that a larger sheet of a stiffer material may count as
-the same. ``RANGES`` and ``CELLS`` are how far these and the grid may lie from those of the fit: within them closure and
-network are nearer to the reference than the ``"similar"`` cloth (``minicloth bench outside``).
+the same. ``RANGES``, ``FEWEST``, ``FINEST`` and ``OBLONG`` are how far these and the grids may lie from those of the fit:
+within them closure and network are nearer to the reference than the ``"similar"`` cloth (``minicloth bench outside``).
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.registry import load_task
-from cloth_envs.scene import Scene
+from cloth_envs.scene import Air, Scene
 
 # number -> least and most of it over the fitted cloth's; of drag, which that has none of, the number itself.
 RANGES: dict[str, tuple[float, float]] = {
@@ -30,12 +30,13 @@ TAUT = (0.9, 1.1)  # the same of every number of a cloth whose whole border is h
 FEWEST = 0.49  # cells along a side over those of the task's own grid
 FINEST = 0.6  # the same of the coarse grid: a finer one needs no closure
 OBLONG = 1.5  # how many times longer than wide cells may be
-LAW = ("compression", "buckling_strain", "post_buckling", "compression_damping")
+LAW = ("compression", "buckling_strain", "post_buckling", "compression_damping", "twist")
 
 
 def numbers(scene: Scene, material: Material) -> dict[str, float]:
     """What decides how a cloth of ``material`` moves in ``scene``, by the names of ``RANGES``."""
     height, weight = scene.grid.height, material.areal_density * scene.gravity
+    air = height * (scene.air or Air()).density
     wave = height * np.sqrt(material.areal_density / material.stretch_stiffness)
     return {
         "stretch by its own weight": weight * height / material.stretch_stiffness,
@@ -43,7 +44,7 @@ def numbers(scene: Scene, material: Material) -> dict[str, float]:
         "bend stiffness over weight": material.bend_stiffness / (weight * height**3),
         "damping time over that of a wave": material.damping / wave,
         "drag over the time of a fall": material.drag * np.sqrt(height / scene.gravity),
-        "weight of the cloth over the air's": material.areal_density / height,
+        "weight of the cloth over the air's": material.areal_density / air,
     }
 
 
