@@ -1,8 +1,9 @@
 """Where a closure holds: the scene and cloth that it was fitted on, and how far from them it was measured to be good.
 
 Cloths are compared by numbers without a unit (``numbers``), so that a larger sheet of a stiffer material may count as
-the same. ``RANGES``, ``FEWEST``, ``FINEST`` and ``OBLONG`` are how far these and the grids may lie from those of the fit:
-within them closure and network are nearer to the reference than the ``"similar"`` cloth (``minicloth bench outside``).
+the same. ``RANGES``, ``FEWEST``, ``FINEST`` and ``OBLONG`` are how far these and the grids may lie from those of the
+fit: within them closure and network are nearer to the reference than the ``"similar"`` cloth (``minicloth bench
+outside``).
 """
 
 from collections.abc import Mapping
