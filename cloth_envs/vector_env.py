@@ -129,8 +129,9 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         if not started.any():
             return {}
         why = self.world.surrogate
-        why[~started] = None
-        return _told("surrogate", why, started & (why != ""))
+        told = started & (why != "")
+        why[~told] = None
+        return _told("surrogate", why, told)
 
     def _start(self, which: np.ndarray) -> None:
         rngs = {int(i): rng for i in which if (rng := self.world.rngs[i]) is not None}

@@ -9,7 +9,6 @@ import numpy as np
 
 from cloth_envs.grid import coarser
 from cloth_envs.physics.truth import TRUTHS
-from cloth_envs.policies import CONTROLLERS
 from cloth_envs.registry import load_task
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
@@ -17,12 +16,10 @@ from cloth_envs.world import World
 from training.cache import cached_arrays, digest
 from training.rollouts import Recording, record, seeded_actions, stack_controls, stack_states
 
-CONTROLLER = "controller"  # the scene's hand controller
-
 
 @dataclass(frozen=True)
 class Case:
-    """One episode under seeded ``actions`` (a policy's name, or CONTROLLER), ``coarse`` times coarser (1/2: finer).
+    """One episode under seeded ``actions`` (a policy's name), on a grid ``coarse`` times coarser (1/2: finer).
 
     ``truth`` is one of TRUTHS, ``self_contact`` as in ``World``.
     """
@@ -46,12 +43,7 @@ class Case:
             ValueError: the truth itself failed.
         """
         world = self.world()
-        if self.actions == CONTROLLER:
-            controller = CONTROLLERS[self.scene]
-            actions: Iterable[np.ndarray] = (controller(world.observe()) for _ in range(frames))
-        else:
-            actions = seeded_actions(world, [self.seed], [self.actions], frames)
-        run = record(world, actions, keep, seeds=[self.seed])
+        run = record(world, seeded_actions(world, [self.seed], [self.actions], frames), keep, seeds=[self.seed])
         if run.failures[0]:
             raise ValueError(f"the truth of {self} failed ({run.failures[0]}): choose another seed")
         return run

@@ -10,8 +10,9 @@ from cloth_envs.material import Material
 from cloth_envs.registry import load_backend, make_backend
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
-from surrogates.auto.table import HORIZONS, Option, choose
+from surrogates.auto.table import HORIZONS, Option, Table, choose
 
+USUAL = 3.0  # %, tolerance
 SHARE = 0.05  # of the members of a verified stretch that may end beyond the tolerance
 CLOTH = ("positions", "velocities")
 
@@ -24,11 +25,12 @@ class AutoBackend:
     Args:
         scene: what is stepped. num_envs: members of the batch.
         tolerance: mean distance of the cloth's vertices from the reference's, ``horizon`` frames after both began
-            alike [% of the cloth's length]; 1 where neither this nor ``budget_ms`` is given.
+            alike [% of the cloth's length]; 3 where neither this nor ``budget_ms`` is given.
         horizon: 1, 5, 10 or 25 frames.
         budget_ms: instead of a tolerance: the closest backend whose frame took at most that on the table's machine.
         verify: share of the frames that run on the reference too, in stretches of ``horizon`` frames that begin at the
-            cloth as it is. Where over ``SHARE`` of the members end beyond the tolerance a closer backend goes on.
+            cloth as it is. Where over ``SHARE`` of the members end beyond the tolerance a closer backend goes on, for
+            the whole batch until all are reset at once: up to then members are those of single environments.
         threads: over members of the batch, for backends that take it.
 
     Attributes:
@@ -47,12 +49,13 @@ class AutoBackend:
             raise ValueError("tolerance and budget_ms are two ways to choose: give one of them")
         if as_whole(horizon) not in HORIZONS:
             raise ValueError(f"horizon must be one of {', '.join(map(str, HORIZONS))} frames, got {horizon!r}")
-        chosen = 1.0 if tolerance is None and budget_ms is None else tolerance
+        chosen = USUAL if tolerance is None and budget_ms is None else tolerance
         self._tolerance = np.inf if chosen is None else _number("tolerance", chosen)
         self._verify, self._horizon = _number("verify", verify, 0.0, 1.0), int(horizon)
         budget = None if budget_ms is None else _number("budget_ms", budget_ms)
         self._ladder, self._why = choose(scene, chosen, budget, self._horizon)
         self.scene, self.num_envs, self.level = scene, num_envs, 0
+        self._materials = [scene.material] * num_envs
         self._backends = [_made(option, scene, num_envs, threads) for option in self._ladder[: None if verify else 1]]
         self._watched = np.zeros(num_envs, bool)  # members that the present stretch has followed from its start
         self._left, self._credit = 0, float(self._horizon)  # frames of the stretch, and those that may be verified
@@ -85,13 +88,17 @@ class AutoBackend:
 
     @property
     def surrogate(self) -> np.ndarray:
-        """Which backend steps and why, ``(B,)`` text."""
-        why = (
-            self._why
-            if not self.level
-            else f"{self._ladder[self.level - 1]} left the tolerance of {self._tolerance:g} %"
-        )
-        return np.full(self.num_envs, f"{self._ladder[self.level]}: {why}", object)
+        """Which backend steps each member and why, ``(B,)`` text."""
+        option, inner = self._ladder[self.level], getattr(self.inner, "surrogate", np.full(self.num_envs, "", object))
+        left = f"{self._ladder[self.level - 1]} left the tolerance of {self._tolerance:g} %"
+        told = [f"{option}: {self._beyond(m) or (left if self.level else self._why)}" for m in self._materials]
+        return np.array(["; ".join(filter(None, pair)) for pair in zip(told, inner, strict=True)], object)
+
+    def _beyond(self, material: Material) -> str:
+        """That nothing is known of errors of ``material``, which is not the scene's; empty where that is known."""
+        table = Table.of(self.scene.name)
+        why = table.beyond(self.scene, material) if table and material != self.scene.material else ""
+        return f"measured on another cloth ({why})" if why else ""
 
     def check_material(self, material: Material) -> None:
         """Refuse what one of the backends can't step. Raises ValueError: see ``Backend``."""
@@ -113,6 +120,8 @@ class AutoBackend:
             for i, material in zip(which, chosen, strict=True):
                 self._materials[i] = material
         self._watched[slice(None) if which is None else list(which)] = False
+        if which is None or len(which) == self.num_envs:  # equal seeds are equal episodes
+            self.level, self._left, self._credit = 0, 0, float(self._horizon)
 
     def advance(self, controls: Controls) -> State:
         """One frame, and of a verified stretch one of the reference too."""

@@ -1,6 +1,7 @@
 """Time and error of every backend in a scene, as ``minicloth bench choices`` measured them, and a choice by them.
 
-Errors are against the reference, restarted from it, under four kinds of open-loop actions.
+Errors are those of the candidate's own run, under four kinds of open-loop actions, against the reference that goes on
+from its cloth.
 """
 
 from collections.abc import Mapping
@@ -37,7 +38,7 @@ class Option:
         return " ".join([self.backend, *(f"{name}={value}" for name, value in self.options.items())])
 
 
-REFERENCE = Option("reference", {}, float("nan"), dict.fromkeys(HORIZONS, 0.0))
+REFERENCE = Option("reference", {"solver": "explicit"}, float("nan"), dict.fromkeys(HORIZONS, 0.0))
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class Table:
         if tolerance < floor:
             raise ValueError(
                 f"tolerance={tolerance:g} is below the chaos floor: two references a millionth of the cloth's length "
-                f"apart differ by {floor:.2g} % after {horizon} frames: take at least that, or a nearer horizon"
+                f"apart differ by {floor:.4g} % after {horizon} frames: take at least that, or a nearer horizon"
             )
         held = [option for option in self.options if option.errors[horizon] * MARGIN <= tolerance]
         return self._from(held[0], horizon) if held else ([REFERENCE], "no surrogate holds the tolerance")
@@ -101,7 +102,7 @@ class Table:
         cheap = [option for option in self.options if option.ms <= budget_ms]
         if not cheap:
             least = self.options[0]
-            raise ValueError(f"budget_ms={budget_ms:g} is below the cheapest, {least} with {least.ms:.2g} ms a frame")
+            raise ValueError(f"budget_ms={budget_ms:g} is below the cheapest, {least} with {least.ms:.4g} ms a frame")
         return self._from(min(cheap, key=lambda option: option.errors[horizon]), horizon)
 
     def _from(self, first: Option, horizon: int) -> tuple[list[Option], str]:

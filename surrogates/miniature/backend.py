@@ -77,7 +77,7 @@ class MiniatureBackend(Upscaled):
             why = fitted.beyond(scene, coarse_grid(scene.grid, factor))
         if true_or_false("strict", strict) and why:
             raise ValueError(f"strict=True: {why}: leave strict out for a plainer miniature, or use the reference")
-        self._strict, self._why, self._told = strict, why, np.full(num_envs, "", object)
+        self._strict, self._why = strict, why
         self._card = fitted if scaling == "closure" and factors is None else None
         self.factor, self.scaling, self.upscaler = factor, scaling or "similar", upscaler or "bicubic"
         coarse = CoarsePhysics(
@@ -102,6 +102,7 @@ class MiniatureBackend(Upscaled):
         upscaling = make_upscaler(self.upscaler, coarse.scene, scene, factor)
         gains = not isinstance(upscaling, Interpolation) and mends(scene, coarse.scene.grid)
         self.mend = gains if mend is None else true_or_false("mend", mend)
+        self._usual, self._told = usual, np.full(num_envs, self._plain(scene.material), object)
         super().__init__(coarse, upscaling, mend=self.mend, guard=guard, threads=threads)
 
     @property
@@ -126,5 +127,10 @@ class MiniatureBackend(Upscaled):
         super().reset(state, materials, which)
         chosen = [self.scene.material] * state.batch if materials is None else materials
         for i, material in zip(range(state.batch) if which is None else which, chosen, strict=True):
-            why = self._why or (self._card.material_beyond(material) if self._card is not None else "")
-            self._told[i] = f"{self.scaling}, {self.upscaler}: {why}" if why else ""
+            self._told[i] = self._plain(material)
+
+    def _plain(self, material: Material) -> str:
+        """Why a cloth of ``material`` is plainer than usual or beyond its card; empty where it is neither."""
+        why = self._why or (self._card.material_beyond(material) if self._card is not None else "")
+        own = "similar" if self._usual and not self._why else self.scaling
+        return f"{own}, {self.upscaler}: {why}" if why else ""

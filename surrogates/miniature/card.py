@@ -22,11 +22,12 @@ from cloth_envs.scene import Air, Scene
 RANGES: dict[str, tuple[float, float]] = {
     "stretch by its own weight": (0.2, 5.0),
     "shear stiffness over stretch stiffness": (0.2, 5.0),
-    "bend stiffness over weight": (0.0, 10.0),
+    "bend stiffness over weight": (0.0, 6.0),
     "damping time over that of a wave": (0.0, 5.0),
     "drag over the time of a fall": (0.0, 1.0),
     "weight of the cloth over the air's": (0.2, 5.0),
 }
+TOGETHER = 1.35  # root of the sum of squares of how far all of them are, each over how far its range goes (logarithms)
 TAUT = (0.9, 1.1)  # the same of every number of a cloth whose whole border is held: little is gained there, nor far
 FEWEST = 0.49  # cells along a side over those of the task's own grid
 FINEST = 0.6  # the same of the coarse grid: a finer one needs no closure
@@ -108,10 +109,14 @@ class Card:
         for name in LAW:
             if getattr(material, name) != getattr(fitted, name):
                 return f"{name} {getattr(material, name):g}, fitted on {getattr(fitted, name):g}"
-        base = numbers(self.scene, fitted)
+        base, far = numbers(self.scene, fitted), 0.0
         for name, value in numbers(self.scene, material).items():
             ratio = value / base[name] if base[name] else value
             low, high = TAUT if self.taut and base[name] else RANGES[name]
             if not low <= ratio <= high:
                 return f"{name} {ratio:.3g} times that of the fit, measured from {low:g} to {high:g}"
+            if base[name] and (ratio > 1 or low):
+                far += (np.log(ratio) / np.log(high if ratio > 1 else low)) ** 2
+        if far**0.5 > TOGETHER and not self.taut:
+            return f"a material {far**0.5 / TOGETHER:.2g} times as far from that of the fit as was measured, all in all"
         return ""

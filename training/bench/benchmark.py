@@ -101,6 +101,12 @@ class Session:
             f"What takes long to make is kept in {self.cache('')}."
         )
 
+    def begin(self, header: Path | None) -> None:
+        """Write the header; with ``--fresh`` nothing of before is left beside it."""
+        for stem in self.benchmark.files if self.out and self.given.fresh else ():
+            (self.out / f"{stem}.csv").unlink(missing_ok=True)  # type: ignore[operator]
+        self.write(header)
+
     def write(self, header: Path | None) -> None:
         """What the session says of itself, as JSON."""
         if header:
@@ -188,7 +194,7 @@ class Benchmark:
                 check_revision(old.get("revision"), session.about["revision"], session.out)
             announce(session.plan())
             print(setup(session.about))
-            session.write(header)
+            session.begin(header)
             if self.times:
                 self.times(session)
             if not (self.times and session.given.times_only):

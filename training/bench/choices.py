@@ -1,12 +1,13 @@
 """``minicloth bench choices``: the table by which ``backend="auto"`` chooses, and whether its choices hold.
 
-Every candidate restarts from the reference and is held against it after 1, 5, 10 and 25 frames, under the actions of
-the table and, of other seeds, of kinds that are not in it. ``--table FOLDER`` writes ``auto.json`` from the rows.
+Every candidate plays episodes. The reference goes on from its cloth at some of their frames, under the same controls,
+and is held against it after 1, 5, 10 and 25 frames: what ``verify=`` measures. Actions are those of the table and, of
+other seeds, of kinds that are not in it. ``--table FOLDER`` writes ``auto.json`` from the rows.
 """
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,31 +15,34 @@ from typing import Any
 import numpy as np
 
 from cloth_envs.files import write_text
+from cloth_envs.policies import CONTROLLERS
 from cloth_envs.progress import progress
-from cloth_envs.registry import load_task
+from cloth_envs.registry import load_task, make_backend
+from cloth_envs.world import World
 from surrogates.auto.table import HORIZONS, MARGIN
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.clock import CostRow, costs
-from training.bench.measure import Windows, failed_by, follow, gather
-from training.bench.participants import CHOICES, Participant, extra, label, truth
+from training.bench.measure import Windows, built, failed_by
+from training.bench.participants import CHOICES, FLOOR, Participant, extra, label
 from training.metrics.errors import vertex_error
+from training.rollouts import Recording, nudge, record, replay, seeded_actions
 from training.rows import rounded
-from training.truth import CONTROLLER, Case
 
 STEM, COST = "choices", "choices_cost"
+CONTROLLER = "controller"  # the scene's hand controller
 # What the table is made of, and what it is checked on: policies, and the seeds of each.
 SPLITS: dict[str, dict[str, Sequence[int]]] = {
     "table": {policy: range(1100, 1104) for policy in ("smooth", "random", "bang-bang", "alternating")},
-    "held out": {policy: range(1210, 1214) for policy in ("zero", CONTROLLER, "bang-bang")},
+    "held out": {policy: range(1220, 1224) for policy in ("zero", CONTROLLER, "bang-bang")},
 }
 STARTS = (10, 45, 80, 115)  # frames of an episode, at which windows begin
 TOLERANCES = (0.3, 1.0, 3.0)  # % of the length
-FLOORED = truth("plain")
+FLOORED = Participant(FLOOR)
 
 
 @dataclass(frozen=True)
 class ChoiceRow:
-    """Errors of a candidate, ``frames`` after it was restarted from the reference [% of the cloth's length].
+    """How far a candidate's own run is from the reference ``frames`` after that began at its cloth [% of the length].
 
     ``median``, ``q95`` and ``largest`` are of all windows of a policy; ``within`` are the shares of the windows within
     the TOLERANCES, as JSON. Failed windows have an infinite error.
@@ -57,28 +61,46 @@ class ChoiceRow:
     within: str
 
 
-def errors(one: Participant, windows: Windows, split: str, policy: str) -> list[ChoiceRow]:
+def played(one: Participant, scene: str, policy: str, seeds: Sequence[int], starts: Sequence[int]) -> Recording:
+    """Episodes of ``one`` under a policy or the scene's hand controller, with the states that are compared."""
+    world = World(scene, num_envs=len(seeds), backend=one.backend, backend_kwargs=one.whole)
+    frames = max(starts) + HORIZONS[-1]
+    if policy == CONTROLLER:
+        actions: Iterable[np.ndarray] = (CONTROLLERS[scene](world.observe()) for _ in range(frames))
+    else:
+        actions = seeded_actions(world, seeds, [policy], frames)
+    return record(world, actions, [start + ahead for start in starts for ahead in (0, *HORIZONS)], seeds=seeds)
+
+
+def distances(one: Participant, run: Recording, starts: Sequence[int]) -> dict[int, np.ndarray]:
+    """Mean distance [% of the cloth's length] from the reference that goes on from the run's own cloth, of all windows.
+
+    Infinite where the run had failed; for the chaos floor the reference goes on from a nudged cloth.
+    """
+    reference = make_backend("reference", run.scene, num_envs=len(run.materials))
+    found: dict[int, list[np.ndarray]] = {frames: [] for frames in HORIZONS}
+    for start in starts:
+        begin = nudge(run.states[start], run.scene, start) if one.family == FLOOR else run.states[start]
+        controls = run.controls[start : start + HORIZONS[-1]]
+        for frame, (true, _) in enumerate(replay(reference, begin, controls, run.materials), 1):
+            if frame in found:
+                mine = run.states[start + frame].positions
+                gone = np.array([failed_by(reason, start + frame) for reason in run.failures])
+                error = vertex_error(mine, true.positions, run.scene.grid.length).mean
+                found[frame].append(np.where(gone, np.inf, error))
+    return {frames: np.concatenate(values) for frames, values in found.items()}
+
+
+def errors(one: Participant, scene: str, split: str, policy: str, *, quick: bool) -> list[ChoiceRow]:
     """A row for each horizon."""
-    found, rows = follow(one, windows), []
-    for frames in HORIZONS:
-        gone = np.array([failed_by(reason, frames) for reason in found.failures])
-        values = np.full(len(gone), np.inf)
-        if not gone.all():
-            mine, true = found.states[frames].positions, windows.truth[frames].positions
-            values[~gone] = vertex_error(mine[~gone], true[~gone], windows.scene.grid.length).mean
+    few = 1 if quick else None
+    seeds, starts, rows = SPLITS[split][policy][:few], STARTS[:few], []
+    for frames, values in distances(one, played(one, scene, policy, seeds, starts), starts).items():
         within = json.dumps([round(float((values <= most).mean()), 3) for most in TOLERANCES])
         middle, high, largest = (float(v) for v in np.quantile(values, (0.5, 0.95, 1), method="higher"))
-        name = windows.scene.name, one.family, one.text, split, policy, frames, len(values)
+        name = scene, one.family, one.text, split, policy, frames, len(values)
         rows.append(rounded(ChoiceRow(*name, middle, high, largest, within)))
     return rows
-
-
-def gathered(session: Session, scene: str, split: str, policy: str) -> Windows:
-    """The windows of a scene, split and policy, restarted from the reference in float64."""
-    few = 1 if session.quick else None
-    cases = [Case(scene, seed, truth="plain", actions=policy) for seed in SPLITS[split][policy][:few]]
-    keep = [start + frame for start in STARTS[:few] for frame in range(HORIZONS[-1] + 1)]
-    return gather(cases, STARTS[:few], HORIZONS[-1], keep, session.cache("truth"))
 
 
 def times(session: Session) -> None:
@@ -86,7 +108,9 @@ def times(session: Session) -> None:
     store, everyone = session.store(COST), [*CHOICES, *extra(session.given.backend)]
     for scene in progress(session.scenes, "times", unit="scene"):
         if any((scene, one.family, one.text) not in store for one in everyone):
-            windows = gathered(session, scene, "table", "bang-bang")
+            run = played(CHOICES[0], scene, "bang-bang", SPLITS["table"]["bang-bang"][:1], STARTS[2:3])
+            controls = run.controls[STARTS[2] : STARTS[2] + HORIZONS[-1]]
+            windows = Windows(run.scene, (0,), STARTS[2:3], controls, [run.states[STARTS[2]]], "")
             store.add(*costs(everyone, windows, runs=3 if session.quick else 11))
 
 
@@ -94,13 +118,11 @@ def measure(session: Session) -> None:
     """Errors of every scene, kind of action and candidate that are missing, and the table."""
     store, everyone = session.store(STEM), [*CHOICES, FLOORED, *extra(session.given.backend)]
     cells = [(scene, split, policy) for scene in session.scenes for split in SPLITS for policy in SPLITS[split]]
-    for cell in progress(cells, STEM, name=" ".join):
-        scene, *of = cell
-        todo = [one for one in everyone if (scene, one.family, one.text, *of, HORIZONS[0]) not in store]
-        if todo:
-            windows = gathered(session, *cell)
-            for one in todo:
-                store.add(*errors(one, windows, *of))
+    for scene, *of in progress(cells, STEM, name=" ".join):
+        for one in everyone:
+            refused = isinstance(built(one, World(scene).scene), str)
+            if not refused and (scene, one.family, one.text, *of, HORIZONS[0]) not in store:
+                store.add(*errors(one, scene, *of, quick=session.quick))
     if session.given.table:
         write_table(session)
 
@@ -113,24 +135,23 @@ def options(parser: argparse.ArgumentParser) -> None:
 def table(rows: Sequence[ChoiceRow], prices: Sequence[CostRow]) -> dict[str, Any]:
     """By scene, what ``surrogates.auto`` reads: time, and the errors of the worst policy of the table."""
     found: dict[str, Any] = {}
-    for price in (p for p in prices if not p.failure):
-        mine = [r for r in rows if (r.scene, r.family, r.options, r.split) == (*_of(price), "table")]
+    known = {(one.family, one.text): one for one in CHOICES}
+    for price in prices:
+        one, mine = known.get((price.family, price.options)), [r for r in rows if r.split == "table"]
+        mine = [r for r in mine if (r.scene, r.family, r.options) == (price.scene, price.family, price.options)]
+        floor = [r for r in rows if (r.scene, r.family, r.split) == (price.scene, FLOOR, "table")]
+        if one is None or price.failure or not mine or not floor:
+            continue
         task = load_task(price.scene)
-        floor = [r for r in rows if (r.scene, r.family, r.split) == (price.scene, FLOORED.family, "table")]
         entry = found.setdefault(price.scene, {
             "measured on": {"resolution": task.resolution, "material": task.material.as_dict()},
             "floor": _worst(floor),
             "backends": [],
         })  # fmt: skip
-        one = next(p for p in CHOICES if (p.family, p.text) == (price.family, price.options))
         entry["backends"].append({
             "backend": one.backend, "options": one.whole, "ms": price.ms_median, "error": _worst(mine),
         })  # fmt: skip
     return found
-
-
-def _of(price: CostRow) -> tuple[str, str, str]:
-    return price.scene, price.family, price.options
 
 
 def _worst(rows: Sequence[ChoiceRow]) -> dict[str, float]:
