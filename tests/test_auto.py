@@ -61,14 +61,15 @@ def inside(made: World) -> AutoBackend:
 @pytest.mark.parametrize(
     ("options", "chosen"),
     [
-        ({}, "miniature factor=2"),  # 1 % after 5 frames
+        ({}, "miniature factor=4"),  # 3 % after 5 frames
+        ({"tolerance": 1}, "miniature factor=2"),
         ({"tolerance": 5}, "miniature factor=4"),
         ({"tolerance": 2.4}, "miniature factor=2"),  # 2 % of the table are not enough under other actions
-        ({"tolerance": 0.4}, "reference"),
-        ({"tolerance": 0.05}, "reference"),
+        ({"tolerance": 0.4}, "reference solver=explicit"),
+        ({"tolerance": 0.05}, "reference solver=explicit"),
         ({"budget_ms": 0.25}, "miniature factor=4"),
         ({"budget_ms": 1.0}, "miniature factor=2"),
-        ({"budget_ms": 3.0}, "reference"),
+        ({"budget_ms": 3.0}, "reference solver=explicit"),
     ],
 )
 def test_it_takes_the_cheapest_that_held_and_says_so(options: dict[str, float], chosen: str) -> None:
@@ -95,7 +96,7 @@ def test_it_is_what_it_chose_to_the_bit() -> None:
 def test_beyond_its_table_it_is_the_reference(options: dict[str, Any]) -> None:
     made = World("Flag", backend="auto", **{"resolution": SHAPE, **options})
     made.reset({0: np.random.default_rng(0)})
-    assert made.surrogate[0].startswith("reference: ")
+    assert made.surrogate[0].startswith("reference solver=explicit: ")
     assert type(inside(made).inner) is type(World("Flag").backend)
 
 
@@ -148,7 +149,7 @@ def test_it_goes_on_closer_where_the_tolerance_is_left() -> None:
         chosen.append(made.surrogate[0].split(":")[0])
         made.step(np.full((2, 2), (-1.0) ** (k // 7)))
     assert chosen[0] == "miniature factor=4"
-    assert chosen[-1] in ("miniature factor=2", "reference")
+    assert chosen[-1] in ("miniature factor=2", "reference solver=explicit")
     assert "left the tolerance of 2.6 %" in made.surrogate[0]
 
 

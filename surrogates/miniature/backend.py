@@ -77,7 +77,7 @@ class MiniatureBackend(Upscaled):
             why = fitted.beyond(scene, coarse_grid(scene.grid, factor))
         if true_or_false("strict", strict) and why:
             raise ValueError(f"strict=True: {why}: leave strict out for a plainer miniature, or use the reference")
-        self._strict, self._why = strict, why
+        self._strict, self._why, self._usual = strict, why, usual
         self._card = fitted if scaling == "closure" and factors is None else None
         self.factor, self.scaling, self.upscaler = factor, scaling or "similar", upscaler or "bicubic"
         coarse = CoarsePhysics(
@@ -102,7 +102,7 @@ class MiniatureBackend(Upscaled):
         upscaling = make_upscaler(self.upscaler, coarse.scene, scene, factor)
         gains = not isinstance(upscaling, Interpolation) and mends(scene, coarse.scene.grid)
         self.mend = gains if mend is None else true_or_false("mend", mend)
-        self._usual, self._told = usual, np.full(num_envs, self._plain(scene.material), object)
+        self._told = np.full(num_envs, self._plain(scene.material), object)
         super().__init__(coarse, upscaling, mend=self.mend, guard=guard, threads=threads)
 
     @property
