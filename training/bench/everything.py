@@ -18,6 +18,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from cloth_envs.arguments import whole_number
 from cloth_envs.files import check_folder, read_json, write_text
 from cloth_envs.parsing import Parser
 from cloth_envs.progress import announce, progress, say
@@ -162,6 +163,7 @@ def main(argv: Sequence[str]) -> int:
     top.add_argument("--fresh", action="store_true", help="remove what --out holds of these benchmarks first")
     begin, all_of = perf_counter(), Everything(top.parse_args(argv))
     given, chosen = all_of.given, all_of.chosen
+    whole_number("jobs", given.jobs)
     pieces = [piece for benchmark in chosen for piece in parts(benchmark)]
     announce(
         f"{', '.join(b.name for b in chosen)} into {given.out}: times alone, then {len(pieces)} pieces, {given.jobs} "
