@@ -22,7 +22,7 @@ def upscaled(world: World) -> Upscaled:
 
 @pytest.mark.parametrize(
     ("name", "factor", "frames", "resolution"),
-    [("BallDrop", 4, 110, None), ("Hanging", 2, 120, None), ("Curtain", 4, 100, None), ("Collision", 4, 90, (58, 39))],
+    [("BallDrop", 4, 110, None), ("Hanging", 2, 200, None), ("Curtain", 4, 100, None), ("Collision", 4, 90, (58, 39))],
 )
 def test_folds_do_not_cross_where_the_coarse_ones_do_not(
     name: str, factor: int, frames: int, resolution: tuple[int, int] | None
