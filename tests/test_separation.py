@@ -22,7 +22,7 @@ def upscaled(world: World) -> Upscaled:
 
 @pytest.mark.parametrize(
     ("name", "factor", "frames", "resolution"),
-    [("BallDrop", 4, 110, None), ("Hanging", 2, 200, None), ("Curtain", 4, 100, None), ("Collision", 4, 90, (58, 39))],
+    [("BallDrop", 4, 110, None), ("Hanging", 2, 150, None), ("Curtain", 4, 100, None), ("Collision", 4, 90, (58, 39))],
 )
 def test_folds_do_not_cross_where_the_coarse_ones_do_not(
     name: str, factor: int, frames: int, resolution: tuple[int, int] | None
@@ -50,7 +50,7 @@ def test_folds_do_not_cross_where_the_coarse_ones_do_not(
         crossed["plain"] += tangled
         crossed["fine"] += int(crossing_triangles(alone.grid, state.positions)[0])
         crossed["coarse"] += int(crossing_triangles(backend.coarse.scene.grid, backend.coarse.history[-1].positions)[0])
-    assert crossed["plain"] > 5
+    assert crossed["plain"] > 20
     assert crossed["coarse"] == crossed["fine"] == 0
 
 

@@ -27,7 +27,7 @@ RANGES: dict[str, tuple[float, float]] = {
     "drag over the time of a fall": (0.0, 1.0),
     "weight of the cloth over the air's": (0.2, 5.0),
 }
-TOGETHER = 1.44  # root of the sum of squares of how far all of them are, each over how far its range goes (logarithms)
+TOGETHER = 1.51  # root of the sum of squares of how far all of them are, each over how far its range goes (logarithms)
 TAUT = (0.9, 1.1)  # the same of every number of a cloth whose whole border is held: little is gained there, nor far
 FEWEST = 0.49  # cells along a side over those of the task's own grid
 FINEST = 0.6  # the same of the coarse grid: a finer one needs no closure
@@ -118,5 +118,5 @@ class Card:
             if base[name] and (ratio > 1 or low):
                 far += (np.log(ratio) / np.log(high if ratio > 1 else low)) ** 2
         if far**0.5 > TOGETHER and not self.taut:
-            return f"a material {far**0.5 / TOGETHER:.2g} times as far from that of the fit as was measured, all in all"
+            return f"a material {far**0.5 / TOGETHER:.3g} times as far from that of the fit as was measured, all in all"
         return ""
