@@ -17,8 +17,7 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
   const V<T> none = {};
   const V<T> stretch = load(p.stretch), shear = load(p.shear), damping = load(p.damping);
   const V<T> accelerate = load(p.accelerate), decay = load(p.decay), dt = load(p.dt);
-  const V<T> yields = load(p.yields), buckled = load(p.buckled), buckling = load(p.buckling);
-  const V<T> shortened_damping = load(p.shortened_damping);
+  const Yielding<T> yielding = {load(p.yields), load(p.buckled), load(p.buckling), load(p.shortened_damping)};
   const std::ptrdiff_t to_x = f.x - f.y, to_v = f.v - f.y, to_slow = f.slow - f.y;
   T* const arrive = f.arrive;
   ghosts(s, f.x, 0, 1), ghosts(s, f.y, 0, 1);
@@ -34,12 +33,7 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
       pull(p, springs);
     } else {
       for (int i = 0; i < 4; ++i) {
-        const Spring<T>& spring = *springs[i];
-        const V<T> inverse = rsqrt(square<T>(d[i])), ratio = spring.length * inverse, extra = T(1) - ratio;
-        const V<T> shorter = extra < T(0) ? extra : none, limit = -buckling * ratio;
-        const V<T> rate = extra < T(0) ? shortened_damping : none + T(1);
-        const V<T> damped = dot(d[i], e[i] - d[i]) * (inverse * inverse);  // damping d . w / |d|^2
-        p[i] = spring.k * (extra + yields * shorter + buckled * (shorter > limit ? shorter : limit) + rate * damped);
+        p[i] = yielding_pull(d[i], e[i], springs[i]->k, springs[i]->length, yielding);
       }
     }
   };

@@ -16,12 +16,12 @@ struct BodyStep {
 enum class Shape { kSphere, kCapsule, kPlane };
 template <class T>
 constexpr int kMostLanes = 64 / int(sizeof(T));  // of any instruction set
-template <class T>
+template <class T, int width = kMostLanes<T>>
 struct BodyLanes {
   Shape shape;
   T radius, friction;
-  alignas(64) T before[2][3][kMostLanes<T>];
-  T after[2][3][kMostLanes<T>];
+  alignas(width * sizeof(T)) T before[2][3][width];
+  T after[2][3][width];
 };
 
 // How far along a body's axis, from 0 to 1, the point nearest to q lies; and that point.

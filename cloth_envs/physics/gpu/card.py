@@ -1,0 +1,107 @@
+"""How a frame gets onto a card, or is emulated where there is none."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import _minicloth_kernels as kernels
+import numpy as np
+
+from cloth_envs.extras import missing
+from cloth_envs.physics.gpu.terms import as_literal
+
+if TYPE_CHECKING:
+    import torch
+
+ENTRY = "minicloth_frame"
+MOST_THREADS, WARP, REGISTERS = 1024, 32, 65536  # of a block; of a multiprocessor
+SMALL, ENOUGH = 512, 96  # vertices up to which threads have one; registers of a thread
+OPTIONS = ("--std=c++17", "-default-device", "--ftz=true", "--prec-div=false", "--prec-sqrt=false")
+PRELUDE = "#define LANES card\n#define MINICLOTH_SCALAR\nnamespace std { using size_t = decltype(sizeof(0)); }\n"
+
+
+class Runner(Protocol):
+    """Steps a batch: ``run`` takes the addresses of what ``CardBatch`` of ``kernels/gpu/terms.hpp`` lists."""
+
+    def run(self, fields: Sequence[int], members: int) -> None: ...
+
+
+class Emulated:
+    """What a card does, thread by thread on this processor. ``backwards``: the threads take turns from the last."""
+
+    def __init__(self, sheet: np.ndarray, *, strip: int = 4, backwards: bool = False) -> None:
+        self._sheet, self._strip, self._backwards = sheet.tobytes(), strip, backwards
+
+    def run(self, fields: Sequence[int], members: int) -> None:
+        kernels.emulate_card(self._sheet, list(fields), members, self._strip, self._backwards)
+
+
+class Plan(NamedTuple):
+    """How a block steps a cloth: vertices of a thread, below each other; threads; blocks that share a multiprocessor."""
+
+    strip: int
+    threads: int
+    blocks: int
+
+
+def plan(rows: int, cols: int, memory: int, most_memory: int) -> Plan:
+    """Few threads are idle at the columns' ends, and four vertices a thread share most of what they load.
+
+    ``memory`` [bytes] a block needs of the ``most_memory`` that those of a multiprocessor share.
+    """
+
+    def threads(strip: int) -> int:
+        return -(-(-(-rows // strip) * cols) // WARP) * WARP
+
+    strips = [s for s in range(1, rows + 1) if threads(s) <= MOST_THREADS]
+    wanted = 4 if rows * cols > SMALL else 1
+    strip = min(strips, key=lambda s: (threads(s) * s / (rows * cols) + 0.05 * abs(s - wanted), s))
+    blocks = min(most_memory // memory, REGISTERS // (ENOUGH * threads(strip)))
+    return Plan(strip, threads(strip), max(1, blocks))
+
+
+class Card:
+    """The kernel of one sheet, compiled for ``device``. ``simple``: whether materials all are, none is, or None.
+
+    Raises:
+        ValueError: a sheet that does not fit into the memory that a block's threads share.
+        ImportError: CuPy is missing; names the extra.
+    """
+
+    def __init__(self, sheet: np.ndarray, device: "torch.device", *, simple: bool | None = None) -> None:
+        self._device, self._memory = device, kernels.card_memory(sheet.tobytes())
+        shape = int(sheet["rows"][0]), int(sheet["cols"][0])
+        only = {True: "ONLY_SIMPLE", False: "ONLY_YIELDING", None: "ALL"}[simple]
+        self._kernel, self._plan = _compiled(as_literal(sheet), shape, self._memory, device, only)
+
+    def run(self, fields: Sequence[int], members: int) -> None:
+        import cupy
+        import torch
+
+        stream = torch.cuda.current_stream(self._device)
+        with cupy.cuda.Device(self._device.index), cupy.cuda.ExternalStream(stream.cuda_stream, self._device.index):
+            self._kernel((members,), (self._plan.threads,), tuple(map(np.uint64, fields)), shared_mem=self._memory)
+
+
+@lru_cache(maxsize=64)
+def _compiled(
+    sheet: str, shape: tuple[int, int], memory: int, device: "torch.device", only: str
+) -> tuple[Any, Plan]:
+    try:
+        import cupy
+    except ImportError as error:
+        raise ImportError(missing("device='cuda'", error)) from error
+    with cupy.cuda.Device(device.index) as card:
+        most = card.attributes["MaxSharedMemoryPerBlockOptin"]
+        if memory > most:
+            raise ValueError(
+                f"this sheet needs {memory} bytes of the memory that a block of threads shares, the card has {most}: "
+                f"use a resolution of at most {int(shape[0] * shape[1] * most / memory)} vertices, or device='cpu'"
+            )
+        chosen = plan(*shape, memory, most)
+        macros = {"STRIP": chosen.strip, "THREADS": chosen.threads, "BLOCKS": chosen.blocks, "SHEET": sheet, only: ""}
+        text = "".join(f"#define MINICLOTH_{name} {value}\n" for name, value in macros.items())
+        module = cupy.RawModule(code=PRELUDE + text + kernels.card_text(), options=OPTIONS, backend="nvrtc")
+        kernel = module.get_function(ENTRY)
+        kernel.max_dynamic_shared_size_bytes = memory
+    return kernel, chosen

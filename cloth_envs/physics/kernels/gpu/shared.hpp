@@ -1,0 +1,80 @@
+// What the threads of a block share while they step a cloth.
+#pragma once
+#include "../sheet/contact.hpp"
+#include "terms.hpp"
+
+namespace minicloth {
+namespace LANES {
+namespace {
+
+struct alignas(8) Pair {
+  float a, b;  // positions, and those `damping` times the velocity later; or other two fields
+};
+struct Point {
+  V3<float> a, b;
+};
+
+// What a cell's four corners feel alike, `to` less `over` times their velocities [N].
+struct alignas(16) Cell {
+  V3<float> to;
+  float over;
+};
+
+// A handle's path from p0 at v0 [per frame], its springs, and where it should be at the end of the step.
+struct Held {
+  float p0[3], v0[3], c2[3], c3[3];
+  float rate[3], share[3];  // 1/s^2, 0 of a firm one; of the way to its path what a soft one goes in a step
+  V3<float> place, speed;
+  int firm;
+};
+
+struct Driven {
+  Cubic path[6];
+  BodyLanes<float, 1> step;
+  Moving<float> moving;
+};
+
+struct Kick {
+  float accelerate, decay, fall;  // force/area -> dv, factor, dv of gravity
+};
+
+enum Slot { kShear, kApart, kBad, kStrain, kSpeed, kSlots };
+
+struct Shared {
+  Cell* cells;  // of every vertex, whose upper left corner it is; none without air and pressure
+  Driven* driven;
+  Pair* field;  // (3, H W)
+  Held* held;
+  int* slots;   // Slot
+  float* sums;  // one a warp
+  Kick* kicks;  // half a one, a whole one
+  static constexpr int kMostSlots = 8, kSums = 32;
+
+  static std::size_t cells_of(const CardSheet& s) { return s.air || s.pressure ? std::size_t(s.rows) * s.cols : 0; }
+  Shared(const CardSheet& s, unsigned char* memory)
+      : cells(reinterpret_cast<Cell*>(memory)),
+        driven(reinterpret_cast<Driven*>(cells + cells_of(s))),
+        field(reinterpret_cast<Pair*>(driven + s.bodies)),
+        held(reinterpret_cast<Held*>(field + 3 * s.rows * s.cols)),
+        slots(reinterpret_cast<int*>(held + s.handles)),
+        sums(reinterpret_cast<float*>(slots + kMostSlots)),
+        kicks(reinterpret_cast<Kick*>(sums + kSums)) {}
+  static std::size_t bytes(const CardSheet& s) {
+    return cells_of(s) * sizeof(Cell) + s.bodies * sizeof(Driven) + 3 * std::size_t(s.rows) * s.cols * sizeof(Pair) +
+           s.handles * sizeof(Held) + kMostSlots * sizeof(int) + kSums * sizeof(float) + 2 * sizeof(Kick);
+  }
+
+  Point at(const CardSheet& s, int vertex) const {
+    const int n = s.rows * s.cols;
+    const Pair x = field[vertex], y = field[n + vertex], z = field[2 * n + vertex];
+    return {{x.a, y.a, z.a}, {x.b, y.b, z.b}};
+  }
+  void put(const CardSheet& s, int vertex, const V3<float>& a, const V3<float>& b) const {
+    const int n = s.rows * s.cols;
+    field[vertex] = {a.x, b.x}, field[n + vertex] = {a.y, b.y}, field[2 * n + vertex] = {a.z, b.z};
+  }
+};
+
+}  // namespace
+}  // namespace LANES
+}  // namespace minicloth
