@@ -31,7 +31,7 @@ inline bool any(bool mask) {
 }
 #if defined(__CUDACC_RTC__)
 inline float rsqrt(float v) { return rsqrtf(v); }
-inline float reciprocal(float v) { return __frcp_rn(v); }
+inline float reciprocal(float v) { return __fdividef(1.0f, v); }
 #else
 inline float rsqrt(float v) { return 1.0f / std::sqrt(v); }
 inline float reciprocal(float v) { return 1.0f / v; }
