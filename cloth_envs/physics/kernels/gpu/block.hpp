@@ -12,8 +12,7 @@ namespace {
 template <int kStrip>
 struct Own {
   int number, row, col;
-  V3<float> x[kStrip], v[kStrip];        // m, m/s
-  V3<float> slow[kStrip], past[kStrip];  // forces that are held [N], velocities when they were computed
+  V3<float> x[kStrip], v[kStrip];  // m, m/s
 };
 
 // Calls act(j, vertex) for them; there are fewer at the end of a column.

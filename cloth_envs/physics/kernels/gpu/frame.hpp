@@ -15,18 +15,22 @@ inline float middle(int first, int end, int count) {
   return (n - 1) * (0.5f * n - stop) / (n - start - stop);
 }
 
-// The forces in the middle of the `held` substeps from k on for which they are held.
+// The forces in the middle of the substeps from k on for which they are held, but for what `blow` adds. Velocities when
+// they were last computed wait where those of the frame's end will be.
 template <int kStrip>
 inline void slow_forces(const CardSheet& s, const CardCloth& m, const Shared& shared, const Weather& weather, int k,
-                        const int (&cut)[2], float h, Block<kStrip>& block) {
+                        const int (&cut)[2], float h, float* past, Block<kStrip>& block) {
   const int count = cut[0], held = cut[1];
   const float steps = middle(k, k + held < count + 1 ? k + held : count + 1, count), later = h * steps;
   const float since = k > held ? float(held) : float(held) - 0.5f, trend = k ? (steps + 0.5f) / since : 0.0f;
   block.each([&](Own<kStrip>& own) {
     for_own(s, own, [&](int j, int i) {
+      const int n = s.rows * s.cols;
       const V3<float> v = own.v[j];
-      shared.put(s, i, own.x[j] + later * v, v + trend * (v - own.past[j]));
-      own.past[j] = v;
+      V3<float> then = v;
+      if (s.air && k) then = {past[i], past[n + i], past[2 * n + i]};
+      shared.put(s, i, own.x[j] + later * v, v + trend * (v - then));
+      if (s.air) past[i] = v.x, past[n + i] = v.y, past[2 * n + i] = v.z;
     });
   });
   block.each([&](Own<kStrip>& own) { bend_strip(s, m, shared, weather, own); });
@@ -52,10 +56,11 @@ inline void run(const CardSheet& s, const CardBatch& batch, const CardCloth& m, 
   const float h = float(length);
   const float over_count = 1.0f / float(count);
   const Weather weather(s, batch.wind + 3 * std::size_t(member), batch.pressure[member]);
+  float* const past = batch.v_out + std::size_t(3) * s.rows * s.cols * member;
   const bool forces = s.bends || s.air || s.pressure;
   block.each([&](Own<kStrip>& own) {
     get(s, batch, member, own);
-    for_own(s, own, [&](int j, int) { own.past[j] = own.v[j], own.slow[j] = {0, 0, 0}; });
+    for_own(s, own, [&](int, int i) { shared.put_force(s, i, {0, 0, 0}); });
     if (own.number < 2) shared.kicks[own.number] = kick_of(s, m, length / (2 - own.number));
     for (int i = own.number; i < s.handles; i += block.threads)
       begin_handle(s, batch, m, member, i, length, shared.held[i]);
@@ -63,12 +68,13 @@ inline void run(const CardSheet& s, const CardBatch& batch, const CardCloth& m, 
   });
   for (int k = 0; k <= count; ++k) {
     const bool last = k == count, anew = forces && k % held == 0;
-    if (anew) slow_forces(s, m, shared, weather, k, cut, h, block);
+    if (anew) slow_forces(s, m, shared, weather, k, cut, h, past, block);
     if (anew || k == 0)
       block.each([&](Own<kStrip>& own) {
         for_own(s, own, [&](int j, int i) {
           const int handle = s.handles ? batch.handle_of[i] : -1;
-          if (anew && (s.air || s.pressure)) own.slow[j] = own.slow[j] + blow(s, shared, own.row + j, own.col);
+          if (anew && (s.air || s.pressure))
+            shared.put_force(s, i, shared.force(s, i) + blow(s, shared, own.row + j, own.col));
           shared.put(s, i, own.x[j], own.x[j] + m.damping * own.v[j]);
           if (k || handle < 0) return;  // the first step draws soft handles for a whole one
           const Held& held = shared.held[handle];

@@ -44,6 +44,7 @@ struct Shared {
   Cell* cells;  // of every vertex, whose upper left corner it is; none without air and pressure
   Driven* driven;
   Pair* field;  // (3, H W)
+  float* slow;  // (3, H W), forces that are held [N]; each is one thread's own
   Held* held;
   int* slots;   // Slot
   float* sums;  // one a warp
@@ -55,15 +56,25 @@ struct Shared {
       : cells(reinterpret_cast<Cell*>(memory)),
         driven(reinterpret_cast<Driven*>(cells + cells_of(s))),
         field(reinterpret_cast<Pair*>(driven + s.bodies)),
-        held(reinterpret_cast<Held*>(field + 3 * s.rows * s.cols)),
+        slow(reinterpret_cast<float*>(field + 3 * s.rows * s.cols)),
+        held(reinterpret_cast<Held*>(slow + 3 * s.rows * s.cols)),
         slots(reinterpret_cast<int*>(held + s.handles)),
         sums(reinterpret_cast<float*>(slots + kMostSlots)),
         kicks(reinterpret_cast<Kick*>(sums + kSums)) {}
   static std::size_t bytes(const CardSheet& s) {
-    return cells_of(s) * sizeof(Cell) + s.bodies * sizeof(Driven) + 3 * std::size_t(s.rows) * s.cols * sizeof(Pair) +
+    return cells_of(s) * sizeof(Cell) + s.bodies * sizeof(Driven) +
+           3 * std::size_t(s.rows) * s.cols * (sizeof(Pair) + sizeof(float)) +
            s.handles * sizeof(Held) + kMostSlots * sizeof(int) + kSums * sizeof(float) + 2 * sizeof(Kick);
   }
 
+  V3<float> force(const CardSheet& s, int vertex) const {
+    const int n = s.rows * s.cols;
+    return {slow[vertex], slow[n + vertex], slow[2 * n + vertex]};
+  }
+  void put_force(const CardSheet& s, int vertex, const V3<float>& f) const {
+    const int n = s.rows * s.cols;
+    slow[vertex] = f.x, slow[n + vertex] = f.y, slow[2 * n + vertex] = f.z;
+  }
   Point at(const CardSheet& s, int vertex) const {
     const int n = s.rows * s.cols;
     const Pair x = field[vertex], y = field[n + vertex], z = field[2 * n + vertex];

@@ -75,6 +75,7 @@ __attribute__((always_inline)) inline void bend_strip(const CardSheet& s, const 
     const V3<float> down_left = x(row + 1, left);
     const Point down_right = shared.at(s, next + right);
     const Point far_down = shared.at(s, (row < rows - 2 ? row + 2 : rows - 1) * cols + c);
+    V3<float> force = {0, 0, 0};
     if (s.bends) {
       const float half = in_col(row) ? 1.0f : 0.5f, wl = half * west, w0 = half * here, wr = half * east;
       const float wu = in_col(row - 1) ? col_weight : 0.0f, wv = in_col(row) ? col_weight : 0.0f;
@@ -86,9 +87,7 @@ __attribute__((always_inline)) inline void bend_strip(const CardSheet& s, const 
       f = f + (2 * (wv + wu) + (ul + ur)) * up + (2 * (wv + wd) + (dl + dr)) * down.a;
       f = f - ((4 * w0 + (wl + wr)) + (4 * wv + (wu + wd)) + ((ul + ur) + (dl + dr))) * at.a;
       f = f - wl * x(row, far_left) - wr * x(row, far_right) - wu * far_up - wd * far_down.a;
-      own.slow[j] = f - ul * up_left - ur * up_right - dl * down_left - dr * down_right.a;
-    } else {
-      own.slow[j] = {0, 0, 0};
+      force = f - ul * up_left - ur * up_right - dl * down_left - dr * down_right.a;
     }
     if (air && has_right && row < rows - 1)
       shared.cells[row * cols + c] = on_cell(s, w, at, beside, down, down_right);
@@ -97,8 +96,9 @@ __attribute__((always_inline)) inline void bend_strip(const CardSheet& s, const 
       const bool there[4] = {has_left && row < rows - 1, has_right && row < rows - 1, has_right && row > 0,
                              has_left && row > 0};
       for (int k = 0; k < 4; ++k)
-        if (there[k]) own.slow[j] = own.slow[j] + w.pressure * cross(edges[k], edges[(k + 1) % 4]);
+        if (there[k]) force = force + w.pressure * cross(edges[k], edges[(k + 1) % 4]);
     }
+    shared.put_force(s, row * cols + c, force);
     far_up = up, up = at.a, at = down, down = far_down;
     up_left = before, before = down_left, up_right = beside.a, beside = down_right;
   }

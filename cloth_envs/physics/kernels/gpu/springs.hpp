@@ -29,8 +29,16 @@ inline float edge_pull(const CardCloth& m, const Edge& edge, const Point& from, 
                                 {m.yields, m.buckled, m.buckling, m.shortened_damping});
 }
 
-// Of a thread's vertices: forces by their springs, of positions `a` and later ones `b` in shared memory, the held ones
-// and weight change velocities.
+// What springs pull a vertex to: the force is to - over * x, where `over` sums what they pull with over their length.
+struct Sum {
+  V3<float> to = {0, 0, 0};
+  float over = 0;
+  void add(float pull, const V3<float>& end) { to = to + pull * end, over += pull; }
+};
+
+// Of a thread's vertices: springs, of positions `a` and later ones `b` in shared memory, the held forces and weight
+// change velocities. Row by row the neighbours to the left and right are read once, for the vertices above, beside and
+// below.
 template <bool kSimple, int kStrip>
 __attribute__((always_inline)) inline void kick_strip(const CardSheet& s, const CardCloth& m, const Shared& shared,
                                                       const Kick& kick, Own<kStrip>& own) {
@@ -40,46 +48,49 @@ __attribute__((always_inline)) inline void kick_strip(const CardSheet& s, const 
   const bool has_left = c > 0 || s.periodic, has_right = c < cols - 1 || s.periodic;
   const int left = c > 0 ? c - 1 : s.periodic ? cols - 1 : c, right = c < cols - 1 ? c + 1 : s.periodic ? 0 : c;
   const bool border = !s.periodic && (c == 0 || c == cols - 1);
-  const Edge along = {m.stretch * float(a / b), float(b)};
+  const float along = m.stretch * float(a / b);
   const Edge down = {m.stretch * float(border ? 0.5 * b / a : b / a), float(a)};
   const Edge cross = {m.shear * float((a * a + b * b) / (2 * a * b)), float(s.diagonal)};
   const float area = float((border ? 2 : 1) / (a * b));
 
-  const bool above = own.row > 0;
-  const int up = (above ? own.row - 1 : 0) * cols;
   const auto mine = [&](int j) { return Point{own.x[j], own.x[j] + m.damping * own.v[j]}; };
-  Point left_up = shared.at(s, up + left), right_up = shared.at(s, up + right), at_up = shared.at(s, up + c);
-  Point left_at = shared.at(s, own.row * cols + left), right_at = shared.at(s, own.row * cols + right);
-  Point at = mine(0);
-  float pull_up = above ? edge_pull<kSimple>(m, down, at, at_up) : 0;
+  Sum sums[3];  // of the vertices above, beside and below the row that is read
+  Point above, beside = own.row > 0 ? shared.at(s, (own.row - 1) * cols + c) : mine(0);
 #pragma unroll
-  for (int j = 0; j < kStrip; ++j) {
-    const int row = own.row + j;
-    if (row >= s.rows) break;
-    const bool below = row < s.rows - 1, inner = row > 0 && below;
-    const int next = (below ? row + 1 : row) * cols;
-    const Point left_down = shared.at(s, next + left), right_down = shared.at(s, next + right);
-    const Point at_down = j + 1 < kStrip && below ? mine(j + 1 < kStrip ? j + 1 : 0) : shared.at(s, next + c);
-    const Edge flat = {inner ? along.k : 0.5f * along.k, along.length};
-
-    V3<float> to = pull_up * at_up.a;
-    float over = pull_up;
-    const auto add = [&](bool there, const Edge& edge, const Point& end) {
-      const float pull = there ? edge_pull<kSimple>(m, edge, at, end) : 0.0f;
-      to = to + pull * end.a, over += pull;
-      return pull;
-    };
-    add(has_left, flat, left_at), add(has_right, flat, right_at);
-    add(has_left && row > 0, cross, left_up), add(has_right && row > 0, cross, right_up);
-    add(has_left && below, cross, left_down), add(has_right && below, cross, right_down);
-    pull_up = add(below, down, at_down);
-
-    const float rate = kick.accelerate * (inner ? area : 2 * area);
-    const V3<float> force = (to - over * at.a) + own.slow[j];
-    const V3<float> v = kick.decay * own.v[j] + rate * force;
-    own.v[j] = {v.x, v.y, v.z - kick.fall};
-    at_up = at, at = at_down;
-    left_up = left_at, left_at = left_down, right_up = right_at, right_at = right_down;
+  for (int q = -1; q <= kStrip; ++q) {
+    const int row = own.row + q;
+    if (row > s.rows) break;
+    const bool there = row >= 0 && row < s.rows;
+    const Point below = q + 1 < kStrip ? mine(q + 1 < kStrip ? q + 1 : 0) : beside;
+    const bool more = q + 1 < kStrip && row + 1 < s.rows;
+    if (there) {
+      const Point at = q < kStrip ? beside : shared.at(s, row * cols + c);
+      if (q > -1) {  // down to this row
+        const Point& from = above;
+        const float pull = row > 0 ? edge_pull<kSimple>(m, down, from, at) : 0.0f;
+        sums[0].add(pull, at.a);
+        if (q < kStrip) sums[1].add(pull, from.a);
+      }
+      const auto side = [&](bool has, int column) {
+        const Point end = shared.at(s, row * cols + column);
+        const bool inner = row > 0 && row < s.rows - 1;
+        const Edge flat = {inner ? along : 0.5f * along, float(b)};
+        if (q > 0) sums[0].add(has ? edge_pull<kSimple>(m, cross, above, end) : 0.0f, end.a);
+        if (q > -1 && q < kStrip) sums[1].add(has ? edge_pull<kSimple>(m, flat, beside, end) : 0.0f, end.a);
+        if (q + 1 < kStrip) sums[2].add(has && more ? edge_pull<kSimple>(m, cross, below, end) : 0.0f, end.a);
+      };
+      side(has_left, left), side(has_right, right);
+    }
+    if (q > 0) {
+      const int j = q - 1;  // of the vertex above, whose edges are all there now
+      const bool inner = row - 1 > 0 && row - 1 < s.rows - 1;
+      const float rate = kick.accelerate * (inner ? area : 2 * area);
+      const V3<float> force = (sums[0].to - sums[0].over * above.a) + shared.force(s, (row - 1) * cols + c);
+      const V3<float> v = kick.decay * own.v[j] + rate * force;
+      own.v[j] = {v.x, v.y, v.z - kick.fall};
+    }
+    above = beside, beside = below;
+    sums[0] = sums[1], sums[1] = sums[2], sums[2] = Sum{};
   }
 }
 
