@@ -11,7 +11,8 @@ from cloth_envs.physics.solver import PRESSURE, air_bound, fastest, pressure_bou
 from cloth_envs.scene import Scene
 
 SHEET = np.dtype(
-    [(name, np.int32) for name in ("rows", "cols", "periodic", "handles", "bodies", "air", "pressure", "bends")]
+    [(name, np.int32) for name in ("rows", "cols", "periodic", "handles", "soft")]
+    + [(name, np.int32) for name in ("bodies", "air", "pressure", "bends", "unused")]
     + [(name, np.float64) for name in ("row_length", "col_length", "diagonal", "frame_dt", "gravity")]
     + [(name, np.float64) for name in ("air_normal", "air_lift", "air_tangential")]
     + [(name, np.float64) for name in ("fastest", "max_wind", "usual_pressure", "sheared", "most_sheared")]
@@ -30,10 +31,11 @@ def sheet_of(scene: Scene, *, bends: bool) -> np.ndarray:
     grid, air = scene.grid, scene.air
     wind = air.max_wind if air else 0.0
     coefficients = [air.density * c for c in (air.normal, air.lift, air.tangential)] if air else [0.0] * 3
-    counts = (*grid.shape, grid.periodic, len(scene.handles), len(scene.colliders), air is not None, scene.pressure)
+    handles = (len(scene.handles), not scene.holding.firm.all())
+    terms = (len(scene.colliders), air is not None, scene.pressure, bends, 0)
     lengths = (grid.row_spacing, grid.col_spacing, grid.diagonal, scene.frame_dt, scene.gravity)
     limits = (fastest(scene), wind, PRESSURE, LEVELS[0][2], LEVELS[1][2])
-    return np.array([(*counts, bends, *lengths, *coefficients, *limits)], SHEET)
+    return np.array([(*grid.shape, grid.periodic, *handles, *terms, *lengths, *coefficients, *limits)], SHEET)
 
 
 def bodies_of(scene: Scene) -> np.ndarray:

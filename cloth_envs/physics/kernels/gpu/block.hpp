@@ -12,7 +12,7 @@ namespace {
 template <int kStrip>
 struct Own {
   int number, row, col;
-  V3<float> x[kStrip], v[kStrip];  // m, m/s
+  V3<float> x[kStrip] = {}, v[kStrip] = {};  // m, m/s
 };
 
 // Calls act(j, vertex) for them; there are fewer at the end of a column.

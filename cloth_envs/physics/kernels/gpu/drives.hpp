@@ -45,8 +45,8 @@ inline V3<float> pulled(const Held& held, const V3<float>& x, const V3<float>& p
 }
 
 // At the end of a step of h, 0 at the frame's end: a firm one is put on its path, a soft one drawn there.
-inline void hold(const Held& held, float h, V3<float>& x, V3<float>& v) {
-  if (held.firm) {
+inline void hold(const CardSheet& s, const Held& held, float h, V3<float>& x, V3<float>& v) {
+  if (!s.soft || held.firm) {
     x = held.place, v = held.speed;
   } else if (h > 0) {
     const V3<float> way = held.place - x;

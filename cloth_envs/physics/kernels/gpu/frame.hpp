@@ -71,12 +71,11 @@ inline void run(const CardSheet& s, const CardBatch& batch, const CardCloth& m, 
     if (anew) slow_forces(s, m, shared, weather, k, cut, h, past, block);
     if (anew || k == 0)
       block.each([&](Own<kStrip>& own) {
+        if (anew && (s.air || s.pressure) && own.row < s.rows) blow_strip(s, shared, own);
         for_own(s, own, [&](int j, int i) {
-          const int handle = s.handles ? batch.handle_of[i] : -1;
-          if (anew && (s.air || s.pressure))
-            shared.put_force(s, i, shared.force(s, i) + blow(s, shared, own.row + j, own.col));
           shared.put(s, i, own.x[j], own.x[j] + m.damping * own.v[j]);
-          if (k || handle < 0) return;  // the first step draws soft handles for a whole one
+          const int handle = s.soft && k == 0 ? batch.handle_of[i] : -1;
+          if (handle < 0) return;  // the first step draws soft handles for a whole one
           const Held& held = shared.held[handle];
           own.v[j] = own.v[j] + pulled(held, own.x[j], {held.p0[0], held.p0[1], held.p0[2]}, -h / 2);
         });
@@ -98,8 +97,8 @@ inline void run(const CardSheet& s, const CardBatch& batch, const CardCloth& m, 
         if (!last) own.x[j] = x;
         if (handle >= 0) {
           const Held& held = shared.held[handle];
-          hold(held, last ? 0.0f : h, own.x[j], own.v[j]);
-          if (last) own.v[j] = own.v[j] + pulled(held, own.x[j], held.place, h / 2);
+          hold(s, held, last ? 0.0f : h, own.x[j], own.v[j]);
+          if (s.soft && last) own.v[j] = own.v[j] + pulled(held, own.x[j], held.place, h / 2);
         }
         shared.put(s, i, own.x[j], own.x[j] + m.damping * own.v[j]);
       });

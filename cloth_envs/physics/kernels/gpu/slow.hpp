@@ -89,8 +89,11 @@ __attribute__((always_inline)) inline void bend_strip(const CardSheet& s, const 
       f = f - wl * x(row, far_left) - wr * x(row, far_right) - wu * far_up - wd * far_down.a;
       force = f - ul * up_left - ur * up_right - dl * down_left - dr * down_right.a;
     }
-    if (air && has_right && row < rows - 1)
-      shared.cells[row * cols + c] = on_cell(s, w, at, beside, down, down_right);
+    if (air) {
+      const Cell none = {{0, 0, 0}, 0};
+      const bool there = has_right && row < rows - 1;
+      shared.cells[row * cols + c] = there ? on_cell(s, w, at, beside, down, down_right) : none;
+    }
     if (s.pressure) {  // the triangles of each vertex and its neighbours, which only it feels
       const V3<float> edges[4] = {before - at.a, down.a - at.a, beside.a - at.a, up - at.a};
       const bool there[4] = {has_left && row < rows - 1, has_right && row < rows - 1, has_right && row > 0,
@@ -104,20 +107,24 @@ __attribute__((always_inline)) inline void bend_strip(const CardSheet& s, const 
   }
 }
 
-// Adds what the cells at a thread's vertex do, whose velocity is `b` in shared memory.
-inline V3<float> blow(const CardSheet& s, const Shared& shared, int row, int col) {
-  const int n = s.rows * s.cols, i = row * s.cols + col, left = col > 0 ? i - 1 : i + s.cols - 1;
-  const bool has_left = col > 0 || s.periodic, has_right = col < s.cols - 1 || s.periodic;
-  V3<float> to = {0, 0, 0};
-  float over = 0;
-  const auto add = [&](bool there, int cell) {
-    if (!there) return;
-    const Cell one = shared.cells[cell];
-    to = to + one.to, over += one.over;
+// Adds what the cells at a thread's vertices do, whose velocities are `b` in shared memory.
+template <int kStrip>
+__attribute__((always_inline)) inline void blow_strip(const CardSheet& s, const Shared& shared, Own<kStrip>& own) {
+  const int n = s.rows * s.cols, c = own.col, cols = s.cols;
+  // The cells to the left and right of its column in a row; to the left of the first one lies none, as does in the last.
+  const auto both = [&](int row) {
+    const int i = row * cols + c, left = c > 0 ? i - 1 : row * cols + cols - 1;
+    const Cell one = shared.cells[i], other = shared.cells[left];
+    return Cell{one.to + other.to, one.over + other.over};
   };
-  add(has_right && row < s.rows - 1, i), add(has_left && row < s.rows - 1, left);
-  add(has_right && row > 0, i - s.cols), add(has_left && row > 0, left - s.cols);
-  return to - over * V3<float>{shared.field[i].b, shared.field[n + i].b, shared.field[2 * n + i].b};
+  Cell above = both(own.row > 0 ? own.row - 1 : s.rows - 1);  // in the last row there are none
+  for_own(s, own, [&](int j, int i) {
+    const Cell below = both(own.row + j);
+    const V3<float> v = {shared.field[i].b, shared.field[n + i].b, shared.field[2 * n + i].b};
+    const V3<float> force = (above.to + below.to) - (above.over + below.over) * v;
+    shared.put_force(s, i, shared.force(s, i) + force);
+    above = below;
+  });
 }
 
 }  // namespace

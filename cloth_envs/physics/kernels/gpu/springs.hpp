@@ -18,9 +18,10 @@ struct Edge {
   float k, length;
 };
 
-// What an edge pulls with, over its length; `d` and `e` lead from one end to the other, of positions and later ones.
+// What an edge pulls with, over its length; `from` and `to` are its ends' positions and later ones.
 template <bool kSimple>
-inline float edge_pull(const CardCloth& m, const Edge& edge, const Point& from, const Point& to) {
+__attribute__((always_inline)) inline float edge_pull(const CardCloth& m, const Edge& edge, const Point& from,
+                                                      const Point& to) {
   const V3<float> e = to.b - from.b;
   if constexpr (kSimple)
     return edge.k - edge.k * edge.length * rsqrt(square<float>(e));
@@ -38,54 +39,48 @@ struct Sum {
 
 // Of a thread's vertices: springs, of positions `a` and later ones `b` in shared memory, the held forces and weight
 // change velocities. Row by row the neighbours to the left and right are read once, for the vertices above, beside and
-// below.
+// below. Nothing branches: an edge that is not there pulls with 0, and vertices below the last row are nobody's.
 template <bool kSimple, int kStrip>
 __attribute__((always_inline)) inline void kick_strip(const CardSheet& s, const CardCloth& m, const Shared& shared,
                                                       const Kick& kick, Own<kStrip>& own) {
-  if (own.row >= s.rows) return;
   const double a = s.row_length, b = s.col_length;
   const int c = own.col, cols = s.cols;
   const bool has_left = c > 0 || s.periodic, has_right = c < cols - 1 || s.periodic;
   const int left = c > 0 ? c - 1 : s.periodic ? cols - 1 : c, right = c < cols - 1 ? c + 1 : s.periodic ? 0 : c;
   const bool border = !s.periodic && (c == 0 || c == cols - 1);
-  const float along = m.stretch * float(a / b);
+  const float along = m.stretch * float(a / b), shear = m.shear * float((a * a + b * b) / (2 * a * b));
   const Edge down = {m.stretch * float(border ? 0.5 * b / a : b / a), float(a)};
-  const Edge cross = {m.shear * float((a * a + b * b) / (2 * a * b)), float(s.diagonal)};
+  const Edge cross[2] = {{has_left ? shear : 0.0f, float(s.diagonal)}, {has_right ? shear : 0.0f, float(s.diagonal)}};
   const float area = float((border ? 2 : 1) / (a * b));
-
+  const auto there = [&](int row) { return row >= 0 && row < s.rows; };
+  const auto place = [&](int row) { return (row < 0 ? 0 : row < s.rows ? row : s.rows - 1) * cols; };
   const auto mine = [&](int j) { return Point{own.x[j], own.x[j] + m.damping * own.v[j]}; };
+
   Sum sums[3];  // of the vertices above, beside and below the row that is read
-  Point above, beside = own.row > 0 ? shared.at(s, (own.row - 1) * cols + c) : mine(0);
+  Point above, beside = shared.at(s, place(own.row - 1) + c);
 #pragma unroll
   for (int q = -1; q <= kStrip; ++q) {
     const int row = own.row + q;
-    if (row > s.rows) break;
-    const bool there = row >= 0 && row < s.rows;
-    const Point below = q + 1 < kStrip ? mine(q + 1 < kStrip ? q + 1 : 0) : beside;
-    const bool more = q + 1 < kStrip && row + 1 < s.rows;
-    if (there) {
-      const Point at = q < kStrip ? beside : shared.at(s, row * cols + c);
-      if (q > -1) {  // down to this row
-        const Point& from = above;
-        const float pull = row > 0 ? edge_pull<kSimple>(m, down, from, at) : 0.0f;
-        sums[0].add(pull, at.a);
-        if (q < kStrip) sums[1].add(pull, from.a);
-      }
-      const auto side = [&](bool has, int column) {
-        const Point end = shared.at(s, row * cols + column);
-        const bool inner = row > 0 && row < s.rows - 1;
-        const Edge flat = {inner ? along : 0.5f * along, float(b)};
-        if (q > 0) sums[0].add(has ? edge_pull<kSimple>(m, cross, above, end) : 0.0f, end.a);
-        if (q > -1 && q < kStrip) sums[1].add(has ? edge_pull<kSimple>(m, flat, beside, end) : 0.0f, end.a);
-        if (q + 1 < kStrip) sums[2].add(has && more ? edge_pull<kSimple>(m, cross, below, end) : 0.0f, end.a);
-      };
-      side(has_left, left), side(has_right, right);
+    const float from_above = there(row - 1) && there(row), to_below = there(row) && there(row + 1);  // 1 or 0
+    const Point below = q + 1 < kStrip ? mine(q + 1 < kStrip ? q + 1 : 0) : shared.at(s, place(row + 1) + c);
+    if (q > -1) {
+      const float pull = from_above * edge_pull<kSimple>(m, down, above, beside);
+      if (q > 0) sums[0].add(pull, beside.a);
+      if (q < kStrip) sums[1].add(pull, above.a);
+    }
+#pragma unroll
+    for (int side = 0; side < 2; ++side) {
+      const Point end = shared.at(s, place(row) + (side ? right : left));
+      const float half = row > 0 && row < s.rows - 1 ? along : 0.5f * along;
+      const Edge flat = {(side ? has_right : has_left) ? half : 0.0f, float(b)};
+      if (q > 0) sums[0].add(from_above * edge_pull<kSimple>(m, cross[side], above, end), end.a);
+      if (q > -1 && q < kStrip) sums[1].add(edge_pull<kSimple>(m, flat, beside, end), end.a);
+      if (q + 1 < kStrip) sums[2].add(to_below * edge_pull<kSimple>(m, cross[side], below, end), end.a);
     }
     if (q > 0) {
       const int j = q - 1;  // of the vertex above, whose edges are all there now
-      const bool inner = row - 1 > 0 && row - 1 < s.rows - 1;
-      const float rate = kick.accelerate * (inner ? area : 2 * area);
-      const V3<float> force = (sums[0].to - sums[0].over * above.a) + shared.force(s, (row - 1) * cols + c);
+      const float rate = kick.accelerate * (row > 1 && row < s.rows ? area : 2 * area);
+      const V3<float> force = (sums[0].to - sums[0].over * above.a) + shared.force(s, place(row - 1) + c);
       const V3<float> v = kick.decay * own.v[j] + rate * force;
       own.v[j] = {v.x, v.y, v.z - kick.fall};
     }
