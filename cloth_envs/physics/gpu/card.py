@@ -8,7 +8,7 @@ import _minicloth_kernels as kernels
 import numpy as np
 
 from cloth_envs.extras import missing
-from cloth_envs.physics.gpu.terms import as_literal
+from cloth_envs.physics.gpu.terms import SHEET, as_literal
 
 if TYPE_CHECKING:
     import torch
@@ -69,10 +69,9 @@ class Card:
     """
 
     def __init__(self, sheet: np.ndarray, device: "torch.device", *, simple: bool | None = None) -> None:
-        self._device, self._memory = device, kernels.card_memory(sheet.tobytes())
-        shape = int(sheet["rows"][0]), int(sheet["cols"][0])
+        self._device = device
         only = {True: "ONLY_SIMPLE", False: "ONLY_YIELDING", None: "ALL"}[simple]
-        self._kernel, self._plan = _compiled(as_literal(sheet), shape, self._memory, device, only)
+        self._kernel, self._plan, self._memory = _compiled(sheet.tobytes(), device, only)
 
     def run(self, fields: Sequence[int], members: int) -> None:
         import cupy
@@ -84,24 +83,27 @@ class Card:
 
 
 @lru_cache(maxsize=64)
-def _compiled(
-    sheet: str, shape: tuple[int, int], memory: int, device: "torch.device", only: str
-) -> tuple[Any, Plan]:
+def _compiled(told: bytes, device: "torch.device", only: str) -> tuple[Any, Plan, int]:
     try:
         import cupy
     except ImportError as error:
         raise ImportError(missing("device='cuda'", error)) from error
+    sheet = np.frombuffer(told, SHEET).copy()
+    rows, cols = int(sheet["rows"][0]), int(sheet["cols"][0])
     with cupy.cuda.Device(device.index) as card:
         most = card.attributes["MaxSharedMemoryPerBlockOptin"]
+        sheet["spare"] = kernels.card_memory(told) > most
+        memory = kernels.card_memory(sheet.tobytes())
         if memory > most:
             raise ValueError(
                 f"this sheet needs {memory} bytes of the memory that a block of threads shares, the card has {most}: "
-                f"use a resolution of at most {int(shape[0] * shape[1] * most / memory)} vertices, or device='cpu'"
+                f"use a resolution of at most {rows * cols * most // memory} vertices, or device='cpu'"
             )
-        chosen = plan(*shape, memory, most)
-        macros = {"STRIP": chosen.strip, "THREADS": chosen.threads, "BLOCKS": chosen.blocks, "SHEET": sheet, only: ""}
+        chosen = plan(rows, cols, memory, most)
+        macros = {"STRIP": chosen.strip, "THREADS": chosen.threads, "BLOCKS": chosen.blocks, only: ""}
+        macros["SHEET"] = as_literal(sheet)
         text = "".join(f"#define MINICLOTH_{name} {value}\n" for name, value in macros.items())
         module = cupy.RawModule(code=PRELUDE + text + kernels.card_text(), options=OPTIONS, backend="nvrtc")
         kernel = module.get_function(ENTRY)
         kernel.max_dynamic_shared_size_bytes = memory
-    return kernel, chosen
+    return kernel, chosen, memory

@@ -46,7 +46,8 @@ class CardSolver:
     ) -> None:
         if scene.particles is not None:
             raise ValueError("a net of particles is not stepped on a card: leave device out")
-        self.scene, self.num_envs = scene, whole_number("num_envs", num_envs)
+        self.scene = self._stepped = scene
+        self.num_envs = whole_number("num_envs", num_envs)
         self.device = torch.device(device)
         if self.device.type == "cuda" and self.device.index is None:
             self.device = torch.device("cuda", torch.cuda.current_device())
@@ -62,7 +63,7 @@ class CardSolver:
         self._bodies = self._put(bodies_of(scene).view(np.uint8))
         self._state: State | None = None
         self._runner: Runner | None = None
-        self._cloths = cloths_of(scene, self._cutter, [scene.material] * self.num_envs)
+        self._cloths = cloths_of(scene, self._cutter, [self.felt_as(scene.material)] * self.num_envs)
         self._told = self._put(self._cloths.view(np.uint8))
         self.last_cuts = torch.zeros((self.num_envs, 2), dtype=torch.int32, device=self.device)
 
@@ -87,7 +88,11 @@ class CardSolver:
 
     def check_material(self, material: Material) -> None:
         """Refuse what would need too many substeps. Raises ValueError: says what to change."""
-        self._cutter.count(material)
+        self._cutter.count(self.felt_as(material))
+
+    def felt_as(self, material: Material) -> Material:
+        """What a cloth of ``material`` is stepped as."""
+        return material
 
     def reset(
         self,
@@ -99,7 +104,7 @@ class CardSolver:
         if len(state.time) != len(members):
             raise ValueError(f"the state holds {len(state.time)} cloths, expected {len(members)}")
         chosen = [self.scene.material] * len(members) if materials is None else list(materials)
-        cloths = cloths_of(self.scene, self._cutter, chosen)
+        cloths = cloths_of(self._stepped, self._cutter, list(map(self.felt_as, chosen)))
         if not np.array_equal(self._cloths[members], cloths) or self._runner is None:
             self._cloths[members] = cloths
             self._told, self._runner = self._put(self._cloths.view(np.uint8)), self._choose()
@@ -113,7 +118,7 @@ class CardSolver:
 
     def _choose(self) -> Runner:
         """What steps today's materials."""
-        sheet = sheet_of(self.scene, bends=bool(self._cloths["bend"].any()))
+        sheet = sheet_of(self._stepped, bends=bool(self._cloths["bend"].any()))
         if self.device.type != "cuda":
             return Emulated(sheet, **self._emulated)
         simple = set(self._cloths["simple"].tolist())

@@ -12,7 +12,7 @@ from cloth_envs.scene import Scene
 
 SHEET = np.dtype(
     [(name, np.int32) for name in ("rows", "cols", "periodic", "handles", "soft")]
-    + [(name, np.int32) for name in ("bodies", "air", "pressure", "bends", "unused")]
+    + [(name, np.int32) for name in ("bodies", "air", "pressure", "bends", "spare")]
     + [(name, np.float64) for name in ("row_length", "col_length", "diagonal", "frame_dt", "gravity")]
     + [(name, np.float64) for name in ("air_normal", "air_lift", "air_tangential")]
     + [(name, np.float64) for name in ("fastest", "max_wind", "usual_pressure", "sheared", "most_sheared")]

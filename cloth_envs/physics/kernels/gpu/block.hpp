@@ -11,7 +11,7 @@ namespace {
 // A thread's own vertices: kStrip below each other in one column.
 template <int kStrip>
 struct Own {
-  int number, row, col;
+  int number, row, col, held;  // held: bit j is set where the j-th is a handle
   V3<float> x[kStrip] = {}, v[kStrip] = {};  // m, m/s
 };
 
@@ -48,11 +48,14 @@ inline void largest(int* at, float value) {
   if (threadIdx.x % 32 == 0) atomicMax(at, bits);
 }
 inline float as_float(int bits) { return __int_as_float(bits); }
+// Nothing is read ahead of it: what waits in registers would crowd out others.
+inline void in_order() { asm volatile("" ::: "memory"); }
 inline void add_up(float* sums, int number, float value) {
   for (int way = 16; way > 0; way /= 2) value += __shfl_xor_sync(0xffffffffu, value, way);
   if (number % 32 == 0) sums[number / 32] = value;
 }
 #else
+inline void in_order() {}
 template <int kStrip>
 struct Block {
   Own<kStrip>* own;

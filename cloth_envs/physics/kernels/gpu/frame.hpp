@@ -74,9 +74,8 @@ inline void run(const CardSheet& s, const CardBatch& batch, const CardCloth& m, 
         if (anew && (s.air || s.pressure) && own.row < s.rows) blow_strip(s, shared, own);
         for_own(s, own, [&](int j, int i) {
           shared.put(s, i, own.x[j], own.x[j] + m.damping * own.v[j]);
-          const int handle = s.soft && k == 0 ? batch.handle_of[i] : -1;
-          if (handle < 0) return;  // the first step draws soft handles for a whole one
-          const Held& held = shared.held[handle];
+          if (!s.soft || k || !(own.held >> j & 1)) return;  // the first step draws soft handles for a whole one
+          const Held& held = shared.held[batch.handle_of[i]];
           own.v[j] = own.v[j] + pulled(held, own.x[j], {held.p0[0], held.p0[1], held.p0[2]}, -h / 2);
         });
       });
@@ -90,13 +89,12 @@ inline void run(const CardSheet& s, const CardBatch& batch, const CardCloth& m, 
     });
     block.each([&](Own<kStrip>& own) {
       for_own(s, own, [&](int j, int i) {
-        const int handle = s.handles ? batch.handle_of[i] : -1;
         const V3<float> start = own.x[j];
         V3<float> x = start + dt * own.v[j];
         keep_out(s, shared, start, x, own.v[j]);
         if (!last) own.x[j] = x;
-        if (handle >= 0) {
-          const Held& held = shared.held[handle];
+        if (s.handles && own.held >> j & 1) {
+          const Held& held = shared.held[batch.handle_of[i]];
           hold(s, held, last ? 0.0f : h, own.x[j], own.v[j]);
           if (s.soft && last) own.v[j] = own.v[j] + pulled(held, own.x[j], held.place, h / 2);
         }
@@ -112,7 +110,11 @@ void frame(const CardSheet& s, const CardBatch& batch, int member, const Shared&
   const CardCloth& m = batch.cloths[member];
   const int n = s.rows * s.cols;
   const std::size_t first = std::size_t(3) * n * member;
-  block.each([&](Own<kStrip>& own) { get(s, batch, member, own); });
+  block.each([&](Own<kStrip>& own) {
+    get(s, batch, member, own);
+    own.held = 0;
+    for_own(s, own, [&](int j, int i) { own.held |= (s.handles && batch.handle_of[i] >= 0) << j; });
+  });
   const Sound before = look(s, shared, block);
   double speed = before.speed;
   const auto faster = [&](double v) { speed = (v < 0 ? -v : v) > speed ? (v < 0 ? -v : v) : speed; };

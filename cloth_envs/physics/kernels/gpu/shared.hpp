@@ -52,18 +52,20 @@ struct Shared {
   static constexpr int kMostSlots = 8, kSums = 32;
 
   static std::size_t cells_of(const CardSheet& s) { return s.air || s.pressure ? std::size_t(s.rows) * s.cols : 0; }
-  Shared(const CardSheet& s, unsigned char* memory)
+  static std::size_t slow_of(const CardSheet& s) { return s.spare ? 0 : 3 * std::size_t(s.rows) * s.cols; }
+  // `spare` is where the cloth's positions at the frame's end will be.
+  Shared(const CardSheet& s, unsigned char* memory, float* spare)
       : cells(reinterpret_cast<Cell*>(memory)),
         driven(reinterpret_cast<Driven*>(cells + cells_of(s))),
         field(reinterpret_cast<Pair*>(driven + s.bodies)),
-        slow(reinterpret_cast<float*>(field + 3 * s.rows * s.cols)),
-        held(reinterpret_cast<Held*>(slow + 3 * s.rows * s.cols)),
+        slow(s.spare ? spare : reinterpret_cast<float*>(field + 3 * s.rows * s.cols)),
+        held(reinterpret_cast<Held*>(reinterpret_cast<float*>(field + 3 * s.rows * s.cols) + slow_of(s))),
         slots(reinterpret_cast<int*>(held + s.handles)),
         sums(reinterpret_cast<float*>(slots + kMostSlots)),
         kicks(reinterpret_cast<Kick*>(sums + kSums)) {}
   static std::size_t bytes(const CardSheet& s) {
     return cells_of(s) * sizeof(Cell) + s.bodies * sizeof(Driven) +
-           3 * std::size_t(s.rows) * s.cols * (sizeof(Pair) + sizeof(float)) +
+           3 * std::size_t(s.rows) * s.cols * sizeof(Pair) + slow_of(s) * sizeof(float) +
            s.handles * sizeof(Held) + kMostSlots * sizeof(int) + kSums * sizeof(float) + 2 * sizeof(Kick);
   }
 

@@ -102,6 +102,7 @@ __attribute__((always_inline)) inline void bend_strip(const CardSheet& s, const 
         if (there[k]) force = force + w.pressure * cross(edges[k], edges[(k + 1) % 4]);
     }
     shared.put_force(s, row * cols + c, force);
+    in_order();
     far_up = up, up = at.a, at = down, down = far_down;
     up_left = before, before = down_left, up_right = beside.a, beside = down_right;
   }

@@ -84,6 +84,7 @@ __attribute__((always_inline)) inline void kick_strip(const CardSheet& s, const 
       const V3<float> v = kick.decay * own.v[j] + rate * force;
       own.v[j] = {v.x, v.y, v.z - kick.fall};
     }
+    in_order();
     above = beside, beside = below;
     sums[0] = sums[1], sums[1] = sums[2], sums[2] = Sum{};
   }

@@ -8,7 +8,8 @@ constexpr int kLevels = 3;
 
 // What all cloths share; Sheet of sheet.hpp with what the step bound counts on.
 struct CardSheet {
-  int rows, cols, periodic, handles, soft, bodies, air, pressure, bends, unused;  // soft: whether some handle is
+  int rows, cols, periodic, handles, soft, bodies, air, pressure, bends;
+  int spare;  // whether held forces wait in x_out, for want of shared memory
   double row_length, col_length, diagonal, frame_dt, gravity;
   double air_normal, air_lift, air_tangential;  // air density * coefficient [kg/m^3]
   double fastest, max_wind, usual_pressure;     // m/s, m/s, Pa: what steps are short enough for
