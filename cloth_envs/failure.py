@@ -33,9 +33,10 @@ class Failures:
         else:
             return [None] * len(now)
         then = before.health or find(self.grid, before)
-        return [self._reason(a[0], a[1], a[2] - b[2]) for a, b in zip(now, then, strict=True)]
+        return [self.reason(a[0], a[1], a[2] - b[2]) for a, b in zip(now, then, strict=True)]
 
-    def _reason(self, finite: bool, strain: float, gained: float) -> str | None:
+    def reason(self, finite: bool, strain: float, gained: float) -> str | None:
+        """Why a cloth has failed of this strain that gained so much energy [J/kg] in a frame, or None."""
         if not finite:
             return "non-finite"
         if strain > self.max_strain:

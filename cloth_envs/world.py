@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from cloth_envs.arguments import read_actions, true_or_false
-from cloth_envs.backend import Backend
+from cloth_envs.backend import Backend, device_of
 from cloth_envs.choice import Choice, as_lists, choices
 from cloth_envs.failure import Failures
 from cloth_envs.grid import check_resolution
@@ -39,12 +39,15 @@ class World:
         controls: what the last ``step`` gave to the backend; None before the first.
         rewards: what it returned, ``(B,)``.
         title: scene, resolution and backend in a few words.
+        device: the ``torch.device`` of states, rewards and observations; None, as they are NumPy arrays.
 
     Raises:
         ValueError: unknown scene, preset, backend, fabric, property or observation (the nearest match is
             named), a resolution, material or range that makes no sense or that the preset fixes, or self-contact
             that is asked for of a physics without it.
     """
+
+    device: Any = None
 
     def __init__(
         self,
@@ -120,6 +123,10 @@ class World:
         try:
             check_backend_kwargs(name, options, solvers=solvers_of(self._listed), beside=self._arguments)
             made = make_backend(name, self._listed, num_envs=len(members), backend_kwargs=options)
+            if device_of(made) is not None:
+                from cloth_envs.tensors import OnHost
+
+                made = OnHost(made)
             built = replace(choice, options=options)
             if self._arguments["self_contact"] and not getattr(made, "self_contact", False):
                 raise ValueError(
@@ -173,6 +180,10 @@ class World:
     def state(self) -> State:
         return self.episode.state
 
+    def read_only(self) -> State:
+        """The present state, to read."""
+        return self.state.read_only()
+
     def reset(self, rngs: Mapping[int, np.random.Generator]) -> None:
         """Start new episodes for the environments named by the keys, each drawing from its own generator."""
         which = sorted(rngs)
@@ -188,8 +199,8 @@ class World:
         )
         state.velocities[:] = [s.velocities for s in starts]
         memory = {name: np.stack([s.memory[name] for s in starts]) for name in starts[0].memory}
-        self._place(which, state, memory | self.task.gripped(state.positions))
         self.frames[which] = 0
+        self._place(which, state, memory | self.task.gripped(state.positions))
 
     def _place(self, which: Sequence[int], state: State, memory: dict[str, np.ndarray]) -> None:
         materials = [self.materials[i] for i in which]
@@ -315,6 +326,10 @@ class World:
             self.backend.recall(snapshot.own)
             self.episode.state = self.backend.state
 
+    def _make(self, arguments: dict[str, Any]) -> None:
+        """Build it again from its arguments."""
+        World.__init__(self, **arguments)
+
     def __getstate__(self) -> dict[str, Any]:
         """What makes it again, since a backend need not know how to copy itself: arguments and state."""
         named = {name: BACKENDS[name] for name in set(self.backends) if name in BACKENDS}
@@ -330,7 +345,7 @@ class World:
         for name, factory in saved["factories"].items():
             if name not in BACKENDS:
                 register_backend(name, factory)
-        World.__init__(self, **saved["arguments"])
+        self._make(saved["arguments"])
         if saved["state"] is not None:
             self.set_state(saved["state"])
             self.episode.action, self.controls = saved["last"]

@@ -125,7 +125,7 @@ class Collision(Task):
         return press * profile * np.exp(-0.5 * np.square((self.across - goal[:, :1]) / width))
 
     def reward(self, episode: Episode) -> np.ndarray:
-        error = episode.cloth[:, 1].take(self.shaped, 1) - episode.memory["shape"]
+        error = episode.cloth[:, 1, self.shaped] - episode.memory["shape"]
         stretch = largest_stretch(episode.state.positions, self.above, self.shaped, self.apart)
-        over = np.maximum(stretch - 1.0 - self.free_strain, 0.0)
+        over = (stretch - (1.0 + self.free_strain)).clip(0.0)
         return tolerance(error, self.shape_margin) * tolerance(over, STRAIN_MARGIN)

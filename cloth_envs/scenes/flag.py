@@ -108,4 +108,4 @@ class Flag(Task):
 
     def reward(self, episode: Episode) -> np.ndarray:
         area = loop_area(episode.state.positions, self.border)
-        return ramp(np.abs(along(area, episode.memory["onlooker"])), self.area)
+        return ramp(abs(along(area, episode.memory["onlooker"])), self.area)

@@ -13,7 +13,7 @@ from cloth_envs.state import Controls
 FULL_PRESSURE = 40.0  # Pa
 PUMP = 0.06  # s, time in which the pressure approaches the wanted one
 TARGET_HEIGHT = 0.15  # m, times a gust signal in [-1, 1]
-PREVIEW = np.array([[0.0, 0.1]])  # s, the target is shown now and ahead
+PREVIEW = [0.0, 0.1]  # s, the target is shown now and ahead
 MARGIN = 0.05  # m
 BULGE = 0.04  # m, largest starting apex height
 
@@ -55,6 +55,7 @@ class Pressure(Task):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
+        self.preview = np.array([PREVIEW])
         self.apex = scene.grid.index(scene.grid.rows // 2, scene.grid.cols // 2)
 
     @classmethod
@@ -79,7 +80,7 @@ class Pressure(Task):
 
     def target(self, episode: Episode) -> np.ndarray:
         """The wanted apex height now and in 0.1 s, ``(B, 2)`` [m]."""
-        return TARGET_HEIGHT * gust(episode.memory["tones"], episode.state.time[:, None] + PREVIEW)
+        return TARGET_HEIGHT * gust(episode.memory["tones"], episode.state.time[:, None] + self.preview)
 
     def observe(self, episode: Episode) -> np.ndarray:
         height, velocity = episode.cloth[:, 2, self.apex], episode.cloth_velocity[:, 2, self.apex]
