@@ -75,7 +75,9 @@ class DeviceWorld(World):
         if not isinstance(actions, Tensor):
             return self.advance(to_device(read_actions(actions, shape, self.task.actions), self.device))
         if actions.shape != shape:
-            raise ValueError(f"action has shape {tuple(actions.shape)}, expected {shape}: {', '.join(self.task.actions)}")
+            raise ValueError(
+                f"action has shape {tuple(actions.shape)}, expected {shape}: {', '.join(self.task.actions)}"
+            )
         return self.advance(actions.to(self.device, torch.float64))
 
     def advance(self, actions: Any) -> tuple[Any, list[str | None]]:
