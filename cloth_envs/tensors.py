@@ -40,9 +40,10 @@ def moved(thing: Thing, device: torch.device) -> Thing:
     return own
 
 
-def selected(state: State, which: Tensor) -> State:
+def selected(state: State, which: Any) -> State:
     """A copy of some members of a batch of tensors."""
-    return State(**{name: value[which] for name, value in state.arrays().items()})
+    there: dict[str, Any] = state.arrays()
+    return State(**{name: value[which].clone() for name, value in there.items()})
 
 
 def health_of(state: State, grid: Grid) -> Any:

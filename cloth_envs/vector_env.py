@@ -181,8 +181,8 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             frame, started = self._of_frame(~ended), ended.copy()
             self._start(np.flatnonzero(ended))
             observations = self._out(world.observe())
-        told = infos | frame | self._by_other_means(started)
-        return observations, self._out(rewards), self._flags(terminated), self._flags(truncated), told
+        infos = infos | frame | self._by_other_means(started)
+        return observations, self._out(rewards), self._flags(terminated), self._flags(truncated), infos
 
     def _out(self, values: Any) -> Any:
         """Observations or rewards in what ``output`` asks for."""
