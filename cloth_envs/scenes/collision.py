@@ -127,5 +127,5 @@ class Collision(Task):
     def reward(self, episode: Episode) -> np.ndarray:
         error = episode.cloth[:, 1, self.shaped] - episode.memory["shape"]
         stretch = largest_stretch(episode.state.positions, self.above, self.shaped, self.apart)
-        over = (stretch - (1.0 + self.free_strain)).clip(0.0)
-        return tolerance(error, self.shape_margin) * tolerance(over, STRAIN_MARGIN)
+        over = stretch - (1.0 + self.free_strain)
+        return tolerance(error, self.shape_margin) * tolerance(over * (over > 0.0), STRAIN_MARGIN)
