@@ -16,7 +16,7 @@ from cloth_envs.scenes.drives import tick
 from cloth_envs.scenes.task import Episode
 from cloth_envs.snapshot import Snapshot
 from cloth_envs.state import Controls, State
-from cloth_envs.tensors import OnHost, health_of, moved, on_host, selected, to_device, to_host
+from cloth_envs.tensors import OnHost, health_of, moved, on_host, selected, starting, to_device, to_host
 from cloth_envs.world import World
 
 
@@ -60,6 +60,11 @@ class DeviceWorld(World):
 
     def read_only(self) -> State:
         return on_host(self.state).read_only()
+
+    def _laid(self, drawn: dict[str, np.ndarray]) -> tuple[State, dict[str, np.ndarray]]:
+        start = self._task.lay({name: to_device(values, self.device) for name, values in drawn.items()})
+        state = starting(start.positions, start.velocities, start.colliders)
+        return state, start.memory | self._task.gripped(state.positions)
 
     def _place(self, which: Sequence[int], state: State, memory: dict[str, np.ndarray]) -> None:
         there: dict[str, Any] = {name: to_device(value, self.device) for name, value in memory.items()}

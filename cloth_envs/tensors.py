@@ -18,8 +18,10 @@ from cloth_envs.state import Cloth, Controls, Health, LazyState, State
 Thing = TypeVar("Thing")
 
 
-def to_device(array: np.ndarray, device: torch.device) -> Any:
-    """A copy of an array there; small whole numbers become int64, which index without a conversion."""
+def to_device(array: Any, device: torch.device) -> Any:
+    """A copy of an array there; int32 becomes int64, which indexes without a conversion. Tensors stay as they are."""
+    if isinstance(array, Tensor):
+        return array
     tensor = torch.tensor(array, device=device)
     return tensor.long() if array.dtype == np.int32 else tensor
 
@@ -38,6 +40,14 @@ def moved(thing: Thing, device: torch.device) -> Thing:
         if isinstance(value, np.ndarray):
             setattr(own, name, to_device(value, device))
     return own
+
+
+def starting(positions: Any, velocities: Any, colliders: Any) -> State:
+    """A state of float32 tensors whose bodies are at rest, without wind and pressure."""
+    x, v, bodies = (part.to(torch.float32).contiguous() for part in (positions, velocities, colliders))
+    wind, pressure, time = (x.new_zeros(len(x), *shape, dtype=torch.float64) for shape in ((3,), (), ()))
+    there: Any = x, v, bodies, torch.zeros_like(bodies), wind, pressure, time
+    return State(*there)
 
 
 def selected(state: State, which: Any) -> State:

@@ -22,7 +22,7 @@ from cloth_envs.places import check_backend_kwargs
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import BACKENDS, load_task, make_backend, register_backend
 from cloth_envs.scenes.drives import clip_actions, tick
-from cloth_envs.scenes.task import Episode, Start, Task
+from cloth_envs.scenes.task import Episode, Task, stacked
 from cloth_envs.snapshot import Snapshot, check_array
 from cloth_envs.state import Controls, State
 
@@ -187,20 +187,21 @@ class World:
     def reset(self, rngs: Mapping[int, np.random.Generator]) -> None:
         """Start new episodes for the environments named by the keys, each drawing from its own generator."""
         which = sorted(rngs)
-        starts: list[Start] = []
+        drawn = []
         for i in which:
             rng = self.rngs[i] = rngs[i]
             changes = {name: float(rng.uniform(lo, hi)) for name, (lo, hi) in self.ranges.items()}
-            self.materials[i] = self.scene.material.with_changes(**changes)
-            starts.append(self.task.start(rng))
-        state = State.still(
-            np.stack([s.positions for s in starts]).astype(np.float32),
-            np.stack([s.colliders for s in starts]).astype(np.float32),
-        )
-        state.velocities[:] = [s.velocities for s in starts]
-        memory = {name: np.stack([s.memory[name] for s in starts]) for name in starts[0].memory}
+            self.materials[i] = self.scene.material.with_changes(**changes) if changes else self.scene.material
+            drawn.append(self.task.draw(rng))
         self.frames[which] = 0
-        self._place(which, state, memory | self.task.gripped(state.positions))
+        self._place(which, *self._laid(stacked(drawn)))
+
+    def _laid(self, drawn: dict[str, np.ndarray]) -> tuple[State, dict[str, np.ndarray]]:
+        """States of starts that were drawn, and what the task remembers of them."""
+        start = self.task.lay(drawn)
+        state = State.still(start.positions.astype(np.float32), start.colliders.astype(np.float32))
+        state.velocities[:] = start.velocities
+        return state, start.memory | self.task.gripped(state.positions)
 
     def _place(self, which: Sequence[int], state: State, memory: dict[str, np.ndarray]) -> None:
         materials = [self.materials[i] for i in which]

@@ -1,6 +1,9 @@
 """BallDrop: a ball on the ground catches a falling cloth."""
 
+from typing import Any
+
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
@@ -63,6 +66,9 @@ class BallDrop(Task):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
+        v, u = (np.linspace(-0.5, 0.5, n) * s for n, s in zip(scene.grid.shape, self.size, strict=True))
+        self.level = np.stack(np.meshgrid(u, v))
+        self.bodies = np.array([[[0.0, 0.0, CENTRE]] * 2, [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
         self.drive = Drive([-REACH] * 2, [REACH] * 2, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
 
     @classmethod
@@ -71,22 +77,24 @@ class BallDrop(Task):
         own = SelfContact()
         return Scene("BallDrop", grid, material, cls.frame_dt, colliders=bodies, air=Air(), self_contact=own)
 
-    def start(self, rng: np.random.Generator) -> Start:
-        grid = self.scene.grid
-        v, u = (np.linspace(-0.5, 0.5, n)[:, None] * s for n, s in zip(grid.shape, self.size, strict=True))
+    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
         yaw, side = rng.uniform(-np.pi, np.pi, 2)
-        away = OFFSET * np.sqrt(rng.uniform())
-        flat_x, flat_y = u.T + 0 * v, -v + 0 * u.T
-        positions = np.empty((3, *grid.shape))
-        positions[0] = np.cos(yaw) * flat_x - np.sin(yaw) * flat_y + away * np.cos(side)
-        positions[1] = np.sin(yaw) * flat_x + np.cos(yaw) * flat_y + away * np.sin(side)
-        phase = rng.uniform(-np.pi, np.pi, 2)
-        positions[2] = rng.uniform(*DROP)
-        positions[2] += rng.uniform(0, WAVE) * np.cos(2 * np.pi * u.T + phase[0]) * np.cos(2 * np.pi * v + phase[1])
-        velocities = np.zeros_like(positions)
-        velocities[:2] = rng.uniform(-DRIFT, DRIFT, 2)[:, None, None]
-        ball, ground = [[0.0, 0.0, CENTRE]] * 2, [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-        return Start(positions, velocities, np.array([ball, ground]))
+        away, phase = OFFSET * np.sqrt(rng.uniform()), rng.uniform(-np.pi, np.pi, 2)
+        height, wave, drift = rng.uniform(*DROP), rng.uniform(0, WAVE), rng.uniform(-DRIFT, DRIFT, 2)
+        return dict(yaw=yaw, side=side, away=away, phase=phase, height=height, wave=wave, drift=drift)  # noqa: C408
+
+    def lay(self, drawn: dict[str, np.ndarray]) -> Start:
+        xp = array_namespace(drawn["yaw"])
+        spread = {name: values.reshape(len(values), -1, 1, 1) for name, values in drawn.items()}
+        yaw, side, away, phase = (spread[name] for name in ("yaw", "side", "away", "phase"))
+        u, v = self.level
+        waves = spread["wave"] * xp.cos(2 * np.pi * u + phase[:, :1]) * xp.cos(2 * np.pi * v + phase[:, 1:])
+        x = xp.cos(yaw) * u + xp.sin(yaw) * v + away * xp.cos(side)
+        y = xp.sin(yaw) * u - xp.cos(yaw) * v + away * xp.sin(side)
+        positions = xp.concat([x, y, spread["height"] + waves], axis=1)
+        start = Start.still(positions, {}, xp.broadcast_to(self.bodies, (len(yaw), *self.bodies.shape)))
+        start.velocities[:, :2] = spread["drift"]
+        return start
 
     def controls(self, episode: Episode) -> Controls:
         state = episode.state

@@ -1,6 +1,9 @@
 """Flag: a flag in gusty wind whose pole moves."""
 
+from typing import Any
+
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
@@ -61,6 +64,8 @@ class Flag(Task):
         self.follow = np.ones((len(self.handles), 2))
         self.border = scene.grid.border.astype(np.int32)
         self.area = scene.grid.height * scene.grid.width
+        self.along = np.linspace(0.0, scene.grid.width, scene.grid.cols)
+        self.down = -np.linspace(0.0, scene.grid.height, scene.grid.rows)
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
@@ -68,27 +73,25 @@ class Flag(Task):
         air = Air(max_wind=FASTEST)
         return Scene("Flag", grid, material, cls.frame_dt, handles=hoist, air=air, self_contact=SelfContact())
 
-    def start(self, rng: np.random.Generator) -> Start:
-        grid = self.scene.grid
+    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
         heading, speed = rng.uniform(-np.pi, np.pi), rng.uniform(*WIND_SPEED)
         aside = heading + rng.uniform(-ASIDE, ASIDE)
-        u = np.linspace(0.0, grid.width, grid.cols)
+        return {"heading": heading, "speed": speed, "aside": aside, "wave": rng.uniform(), "gusts": draw_gust(rng, 2)}
+
+    def lay(self, drawn: dict[str, np.ndarray]) -> Start:
+        grid, aside, xp = self.scene.grid, drawn["aside"], array_namespace(drawn["aside"])
         # Slope angle along the flag: integrating unit steps keeps the edges at their rest length.
-        turn = 0.25 * np.sin(2 * np.pi * (u / grid.width + rng.uniform())) * u / grid.width
-        along = heading + turn
-        step = grid.col_spacing * np.stack([np.cos(along), np.sin(along)])
-        path = np.concatenate([np.zeros((2, 1)), np.cumsum(step[:, :-1], 1)], 1)
-        z = -np.linspace(0.0, grid.height, grid.rows)
-        positions = np.empty((3, *grid.shape))
-        positions[:2] = path[:, None, :]
-        positions[2] = z[:, None]
-        memory = {
-            "heading": np.array(heading),
-            "speed": np.array(speed),
-            "onlooker": np.array([np.cos(aside), np.sin(aside)]),
-            "gusts": draw_gust(rng, 2),
-        }
-        return Start(positions, np.zeros_like(positions), np.zeros((0, 2, 3)), memory)
+        part = self.along / grid.width
+        turn = 0.25 * xp.sin(2 * np.pi * (part + drawn["wave"][:, None])) * self.along / grid.width
+        along = drawn["heading"][:, None] + turn
+        step = grid.col_spacing * xp.stack([xp.cos(along), xp.sin(along)], axis=1)
+        path = xp.cumulative_sum(step[:, :, :-1], axis=2, include_initial=True)
+        level = xp.broadcast_to(path[:, :, None], (len(path), 2, *grid.shape))
+        upright = xp.broadcast_to(self.down[:, None], (len(path), 1, *grid.shape))
+        positions = xp.concat([level, upright], axis=1)
+        memory = {name: drawn[name] for name in ("heading", "speed", "gusts")}
+        memory["onlooker"] = xp.stack([xp.cos(aside), xp.sin(aside)], axis=1)
+        return Start.still(positions, memory)
 
     def wind(self, episode: Episode) -> np.ndarray:
         """The wind now, ``(B, 3)`` [m/s]."""

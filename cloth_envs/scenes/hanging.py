@@ -1,6 +1,10 @@
 """Hanging: a cloth held by one corner is carried to a place and brought to rest."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
@@ -8,6 +12,7 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, draw_gust, gust
 from cloth_envs.scenes.measures import columns, tolerance
+from cloth_envs.scenes.starts import rotation
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -67,6 +72,9 @@ class Hanging(Task):
         super().__init__(scene)
         self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
         self.follow = np.ones((len(self.handles), 3))
+        v, u = (np.linspace(0.0, s, n) for n, s in zip(scene.grid.shape, self.size, strict=True))
+        u, v = np.meshgrid(u, v)
+        self.polar = np.stack([np.hypot(u, v), np.arctan2(v, u) - np.pi / 4])  # of each vertex about the corner
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
@@ -80,22 +88,29 @@ class Hanging(Task):
             self_contact=SelfContact(),
         )
 
-    def start(self, rng: np.random.Generator) -> Start:
-        grid = self.scene.grid
-        v, u = np.meshgrid(*(np.linspace(0.0, s, n) for s, n in zip(self.size, grid.shape, strict=True)), indexing="ij")
-        distance, angle = np.hypot(u, v), np.arctan2(v, u) - np.pi / 4
+    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
         # A quarter sheet around its corner covers `wrap` of a cone: isometric, folded nowhere.
-        sine = max(0.25 / rng.uniform(*WRAP), EDGE_TURN / min(grid.cells))
+        sine = max(0.25 / rng.uniform(*WRAP), EDGE_TURN / min(self.scene.grid.cells))
+        yaw, rate = rng.uniform(-np.pi, np.pi), rng.uniform(-SWING, SWING, 2)
+        goal = rng.uniform(GOAL_LOW, GOAL_HIGH) - [0.0, 0.0, HANG]
+        return {"sine": sine, "yaw": yaw, "rate": rate, "goal": goal, "tones": draw_gust(rng)}
+
+    def lay(self, drawn: dict[str, np.ndarray]) -> Start:
+        grid, sine, xp = self.scene.grid, drawn["sine"][:, None, None], array_namespace(drawn["sine"])
+        distance, angle = self.polar
         across, turn = distance * sine, angle / sine
-        cone = np.stack([across * np.cos(turn), across * np.sin(turn), -distance * np.sqrt(1 - sine**2)])
-        x, _, z = cone.mean((1, 2))
-        tilt, yaw = np.arctan2(x, -z), rng.uniform(-np.pi, np.pi)  # the middle hangs below the corner
-        positions = _turn(yaw, 0, 1) @ _turn(tilt, 2, 0) @ cone.reshape(3, -1)
-        rate = np.append(rng.uniform(-SWING, SWING, 2), 0.0)
-        memory = {"goal": rng.uniform(GOAL_LOW, GOAL_HIGH) - [0.0, 0.0, HANG], "tones": draw_gust(rng)}
-        velocities = np.cross(rate, positions, axisb=0, axisc=0)
-        shape = (3, *grid.shape)
-        return Start(positions.reshape(shape), velocities.reshape(shape), np.zeros((0, 2, 3)), memory)
+        down = -distance * xp.sqrt(1 - sine**2)
+        cone = xp.stack([across * xp.cos(turn), across * xp.sin(turn), down], axis=1).reshape(len(sine), 3, -1)
+        middle = cone.mean(2)
+        tilt = xp.atan2(middle[:, 0], -middle[:, 2])  # the middle hangs below the corner
+        x, y, z = xp.unstack(rotation(drawn["yaw"], 0, 1) @ rotation(tilt, 2, 0) @ cone, axis=1)
+        a, b = drawn["rate"][:, :1], drawn["rate"][:, 1:]
+        shape = (len(sine), 3, *grid.shape)
+        positions, velocities = (
+            xp.stack(part, axis=1).reshape(shape) for part in ((x, y, z), (b * z, -a * z, a * y - b * x))
+        )
+        memory = {"goal": drawn["goal"], "tones": drawn["tones"]}
+        return replace(Start.still(positions, memory), velocities=velocities)
 
     def controls(self, episode: Episode) -> Controls:
         state = episode.state
@@ -112,11 +127,3 @@ class Hanging(Task):
     def reward(self, episode: Episode) -> np.ndarray:
         off = self.middle(episode) - episode.memory["goal"]
         return tolerance(off, PLACE_MARGIN) * tolerance(self.speed(episode), CALM_MARGIN, 0.25)
-
-
-def _turn(angle: float, first: int, second: int) -> np.ndarray:
-    """Rotation by ``angle`` [rad] from axis ``first`` towards axis ``second``."""
-    matrix = np.eye(3)
-    matrix[[first, second], [first, second]] = np.cos(angle)
-    matrix[second, first], matrix[first, second] = np.sin(angle), -np.sin(angle)
-    return matrix

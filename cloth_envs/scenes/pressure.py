@@ -1,6 +1,9 @@
 """Pressure: a pinned sheet is inflated so that its apex follows a moving height."""
 
+from typing import Any
+
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
@@ -56,6 +59,9 @@ class Pressure(Task):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self.preview = np.array([PREVIEW])
+        v, u = (np.linspace(0.0, 1.0, n) for n in scene.grid.shape)
+        self.level = np.stack(np.meshgrid((u - 0.5) * scene.grid.width, (0.5 - v) * scene.grid.height))
+        self.dome = np.outer(np.sin(np.pi * v), np.sin(np.pi * u))
         self.apex = scene.grid.index(scene.grid.rows // 2, scene.grid.cols // 2)
 
     @classmethod
@@ -63,14 +69,13 @@ class Pressure(Task):
         pins = tuple(np.sort(grid.border).tolist())
         return Scene("Pressure", grid, material, cls.frame_dt, handles=pins, pressure=True, air=Air())
 
-    def start(self, rng: np.random.Generator) -> Start:
-        grid = self.scene.grid
-        v, u = (np.linspace(0.0, 1.0, n) for n in grid.shape)
-        positions = np.empty((3, *grid.shape))
-        positions[0] = (u - 0.5) * grid.width
-        positions[1] = (0.5 - v)[:, None] * grid.height
-        positions[2] = rng.uniform(-BULGE, BULGE) * np.outer(np.sin(np.pi * v), np.sin(np.pi * u))
-        return Start(positions, np.zeros_like(positions), np.zeros((0, 2, 3)), {"tones": draw_gust(rng)})
+    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
+        return {"bulge": rng.uniform(-BULGE, BULGE), "tones": draw_gust(rng)}
+
+    def lay(self, drawn: dict[str, np.ndarray]) -> Start:
+        bulge, xp = drawn["bulge"], array_namespace(drawn["bulge"])
+        x, y = (xp.broadcast_to(part, (len(bulge), *part.shape)) for part in self.level)
+        return Start.still(xp.stack([x, y, bulge[:, None, None] * self.dome], axis=1), {"tones": drawn["tones"]})
 
     def controls(self, episode: Episode) -> Controls:
         controls = self.hold(episode)
