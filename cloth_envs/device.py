@@ -9,7 +9,6 @@ import torch
 from gymnasium import spaces
 from torch import Tensor
 
-from cloth_envs.arguments import read_actions
 from cloth_envs.failure import MAX_ENERGY_JUMP
 from cloth_envs.launch import OneLaunch
 from cloth_envs.scenes.drives import tick
@@ -135,16 +134,15 @@ class DeviceWorld(World):
             self.rewards = rewards
         return self._observed
 
-    def step(self, actions: Any) -> tuple[Any, list[str | None]]:
-        """One frame by actions ``(B, A)``, a tensor or anything else. Returns and raises what ``World.step`` does."""
-        shape, meaning = (self.num_envs, len(self.task.actions)), self.task.actions
+    def read(self, actions: Any) -> Any:
         if not isinstance(actions, Tensor):
-            return self.advance(to_device(read_actions(actions, shape, meaning), self.device))
+            return to_device(super().read(actions), self.device)
+        shape, meaning = (self.num_envs, len(self.task.actions)), self.task.actions
         if actions.shape != shape:
             raise ValueError(f"action has shape {tuple(actions.shape)}, expected {shape}: {', '.join(meaning)}")
-        return self.advance(actions.detach())
+        return actions.detach()
 
-    def advance(self, actions: Any) -> tuple[Any, list[str | None]]:
+    def advance(self, actions: Any) -> tuple[Any, dict[int, str]]:
         episode, before = self.episode, self.episode.state
         last = episode.action, self.controls
         self._given.copy_(actions)
@@ -159,17 +157,17 @@ class DeviceWorld(World):
         if not usable:
             self._take_back(before, *last)
             raise ValueError("action holds NaN or infinity; the state is unchanged, pass numbers in [-1, 1]")
-        reasons: list[str | None] = [None] * self.num_envs
-        if lost:
-            self._put_back(before, reasons)
+        reasons = self._put_back(before) if lost else {}
         return self.rewards, reasons
 
-    def _put_back(self, before: State, reasons: list[str | None]) -> None:
-        """Bring members that have failed back to their last good state, and write down why."""
+    def _put_back(self, before: State) -> dict[int, str]:
+        """Bring members that have failed back to their last good state. Returns why."""
         which = self._failed().nonzero()[:, 0]
         members, now, then = which.tolist(), self._health[which].tolist(), self._energy[which].tolist()
-        for i, (finite, strain, kinetic), energy in zip(members, now, then, strict=True):
-            reasons[i] = self.failures.reason(bool(finite), strain, kinetic - energy)
+        reasons = {
+            i: str(self.failures.reason(bool(finite), strain, kinetic - energy))
+            for i, (finite, strain, kinetic), energy in zip(members, now, then, strict=True)
+        }
         good = selected(before, which)
         good.time = self._seen.time[which]
         self.backend.reset(good, [self.materials[i] for i in members], members)
@@ -177,6 +175,7 @@ class DeviceWorld(World):
         self._look()
         self._find()
         self.rewards[which] = 0.0
+        return reasons
 
     def _take_back(self, before: State, action: Any, controls: Controls | None) -> None:
         """Undo a frame of actions that are no numbers."""

@@ -157,16 +157,19 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
                 f"environments {again.tolist()} have ended: reset them with "
                 'reset(options={"reset_mask": terminated | truncated})'
             )
-        rewards, reasons = world.step(actions)
-        terminated = np.array([reason is not None for reason in reasons]) if any(reasons) else np.zeros(n, bool)
+        rewards, reasons = world.advance(world.read(actions))
+        terminated = np.zeros(n, bool)
+        terminated[list(reasons)] = True
         truncated = np.zeros(n, bool) if self._limit is None else world.frames >= self._limit
         if again.size:  # next-step mode: this step only starts the new episode of those
             self._start(again)
             rewards[again], terminated[again], truncated[again] = 0.0, False, False
         infos: dict[str, Any] = {}
-        if any(reasons) and terminated.any():
-            told = [reason if ended else None for reason, ended in zip(reasons, terminated, strict=True)]
-            infos["failure"], infos["_failure"] = np.array(told, dtype=object), terminated.copy()
+        if terminated.any():
+            told = np.full(n, None, dtype=object)
+            for i in np.flatnonzero(terminated).tolist():
+                told[i] = reasons[i]
+            infos["failure"], infos["_failure"] = told, terminated.copy()
         ended = self._ended = terminated | truncated
         observations = self._out(world.observe())
         started = np.zeros(n, bool)

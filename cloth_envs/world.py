@@ -236,10 +236,15 @@ class World:
         Raises:
             ValueError: actions of the wrong shape or not finite; nothing has moved then.
         """
-        return self.advance(read_actions(actions, (self.num_envs, len(self.task.actions)), self.task.actions))
+        rewards, reasons = self.advance(self.read(actions))
+        return rewards, [reasons.get(i) for i in range(self.num_envs)]
 
-    def advance(self, actions: np.ndarray) -> tuple[np.ndarray, list[str | None]]:
-        """``step`` by actions that were read already."""
+    def read(self, actions: Any) -> np.ndarray:
+        """Actions ``(B, A)`` as ``advance`` takes them. Raises ValueError: not numbers, or of another shape."""
+        return read_actions(actions, (self.num_envs, len(self.task.actions)), self.task.actions)
+
+    def advance(self, actions: np.ndarray) -> tuple[np.ndarray, dict[int, str]]:
+        """``step`` by actions that were read already. Tells why of those members that failed."""
         episode = self.episode
         before, clipped = episode.state, clip_actions(actions)
         if clipped is None:
@@ -249,7 +254,7 @@ class World:
         episode.state = self.backend.advance(self.controls)
         tick(self.frames, self.scene.frame_dt, episode.state.time)
         reasons = self.failures.check(before, episode.state)
-        failed = [i for i, reason in enumerate(reasons) if reason]
+        failed = list(reasons)
         if failed:
             good = before.select(failed)
             good.time[:] = episode.state.time[failed]
