@@ -91,6 +91,7 @@ class DeviceWorld(World):
         self._energy = self._health[:, 2].clone()  # before the frame
         self._drive, self._judge = OneLaunch(self._driven, self.device), OneLaunch(self._judged, self.device)
 
+    @torch.no_grad()
     def _look(self) -> None:
         """Copy the present state to where the task sees it."""
         state = self.episode.state
@@ -187,10 +188,9 @@ class DeviceWorld(World):
         self._look()
 
     def on_host(self, values: Any) -> Any:
-        """Tensors as NumPy arrays."""
         return to_host(values)
 
-    def flags(self, which: np.ndarray) -> Tensor:
+    def flags(self, which: np.ndarray) -> Any:
         """Bools ``(B,)`` as a tensor; only which are true is sent."""
         there = torch.zeros(self.num_envs, dtype=torch.bool, device=self.device)
         members = np.flatnonzero(which)

@@ -189,7 +189,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
 
     def _out(self, values: Any) -> Any:
         """Observations or rewards in what ``output`` asks for."""
-        return values if self._tensors or self.world.device is None else self.world.on_host(values)
+        return values if self._tensors else self.world.on_host(values)
 
     def _flags(self, flags: np.ndarray) -> Any:
         """The same of flags ``(B,)``, of which only those that are set are sent."""
@@ -218,7 +218,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         self._ended = ended
 
 
-def _on_its_device(world: World) -> Any:
+def _on_its_device(world: World) -> World:
     """``world``, or where its backend is on a device one with everything there."""
     if device_of(world.backend) is None:
         return world

@@ -184,6 +184,14 @@ class World:
         """The present state, to read."""
         return self.state.read_only()
 
+    def on_host(self, values: Any) -> Any:
+        """Observations or rewards as NumPy arrays, which they are."""
+        return values
+
+    def flags(self, which: np.ndarray) -> Any:
+        """Bools ``(B,)`` in what rewards are in."""
+        return which
+
     def reset(self, rngs: Mapping[int, np.random.Generator]) -> None:
         """Start new episodes for the environments named by the keys, each drawing from its own generator."""
         which = sorted(rngs)

@@ -9,7 +9,6 @@ import numpy as np
 import torch
 
 from cloth_envs.failure import find
-from cloth_envs.material import Material
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
@@ -49,5 +48,28 @@ class Explicit:
         if self.told:
             self.state.health = torch.tensor(find(self.scene.grid, self.solver.state), dtype=torch.float32)
 
-    def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
-        self.solver.set_materials(which, materials)
+
+class Still:
+    """A cloth that stays where it is, whatever is done to it; in tensors only."""
+
+    def __init__(self, scene: Scene, *, num_envs: int = 1) -> None:
+        self.scene, self.device = scene, torch.device("cpu")
+        self.memory: dict[str, np.ndarray] = {}
+
+    def reset(self, state: State, materials: Any = None, which: Any = None) -> None:
+        there: dict[str, Any] = {name: torch.as_tensor(value).clone() for name, value in state.arrays().items()}
+        if which is not None:
+            there = {name: getattr(self.state, name).index_put((torch.tensor(which),), a) for name, a in there.items()}
+        self._keep(State(**there))
+
+    def advance(self, controls: Controls) -> State:
+        old: Any = self.state
+        wanted: Any = controls
+        bodies = wanted.colliders.float(), wanted.collider_velocities.float()
+        there: Any = old.positions, old.velocities, *bodies, wanted.wind, wanted.pressure, old.time.clone()
+        self._keep(State(*there))
+        return self.state
+
+    def _keep(self, state: State) -> None:
+        self.state = state
+        self.state.health = torch.eye(3)[:1].expand(len(state.time), 3)  # finite, as long as at rest, and at rest

@@ -15,6 +15,7 @@ from gymnasium.vector import AutoresetMode
 
 import cloth_envs
 from cloth_envs.failure import Failures
+from cloth_envs.scenes.drives import GUST_TONES
 
 torch = pytest.importorskip("torch", reason="needs the extra 'train'")
 from torch.overrides import TorchFunctionMode  # noqa: E402
@@ -217,27 +218,58 @@ def test_output_says_what_it_needs() -> None:
     assert_same(mixed.reset(seed=0)[0], here.reset(seed=0)[0])
 
 
-class Counting(TorchFunctionMode):
-    """Counts the calls of torch that are no views."""
+class Watching(TorchFunctionMode):
+    """Counts the calls of torch that are no views, and keeps what they bring from one side to the other."""
+
+    VIEWS = ("__get__", "__getitem__", "__len__", "reshape", "permute", "unbind", "detach", "size", "dim", "expand")
+    CROSSINGS = (
+        "cpu",
+        "numpy",
+        "tolist",
+        "item",
+        "__bool__",
+        "__array__",
+        "nonzero",
+        "tensor",
+        "from_numpy",
+    )
 
     def __init__(self) -> None:
         super().__init__()
-        self.count = 0
+        self.count, self.sent = 0, []
 
     def __torch_function__(self, function: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
-        self.count += function.__name__ not in ("__get__", "__getitem__", "__len__", "reshape", "permute")
+        self.count += function.__name__ not in self.VIEWS
+        if function.__name__ in self.CROSSINGS:
+            self.sent.append((function.__name__, torch.Size(np.shape(args[0])).numel()))
         return function(*args, **kwargs or {})
 
 
 @pytest.mark.parametrize("scene", cloth_envs.SCENES)
-def test_a_step_is_few_operations_however_many_members(scene: str) -> None:
-    """On a GPU each costs a launch."""
+def test_a_step_is_few_operations_of_which_two_flags_come_back(scene: str) -> None:
+    """On a GPU each costs a launch, and what comes back waits for all of them."""
     counts = []
     for n in (2, 5):
-        env = made(scene, num_envs=n, **THERE, output="torch", randomize=None)
+        env = made(scene, num_envs=n, backend="on_tensors:Still", output="torch", randomize=None)
         env.reset(seed=0)
-        with Counting() as counted:
-            env.step(torch.zeros(env.action_space.shape))
-        counts.append(counted.count)
+        actions = torch.zeros(env.action_space.shape)
+        with Watching() as watched:
+            env.step(actions)
+        assert watched.sent == [("tolist", 2)]
+        counts.append(watched.count)
     assert counts[0] == counts[1]
-    assert counts[0] < 150
+    assert counts[0] < 160
+
+
+def test_a_reset_in_a_step_sends_no_more_than_the_members_that_it_starts() -> None:
+    env = made("Flag", num_envs=50, backend="on_tensors:Still", output="torch", randomize=None, max_episode_steps=3)
+    env.reset(seed=0)
+    actions = torch.zeros(env.action_space.shape)
+    for _ in range(2):
+        env.step(actions)
+    env.reset(options={"reset_mask": np.arange(50) != 7})
+    for frame in (3, 0):  # of the member left out: its last one, and the start of its next episode
+        with Watching() as watched:
+            env.step(actions)
+        assert env.world.frames[7] == frame
+        assert max(size for _, size in watched.sent) <= 2 * 2 * GUST_TONES  # the tones of one member's gusts

@@ -119,7 +119,7 @@ class Drive:
 def draw_gust(rng: np.random.Generator, signals: int = 1) -> np.ndarray:
     """Frequencies [rad/s] and phases of independent signals, ``(2, signals, GUST_TONES)``."""
     shape = (signals, GUST_TONES)
-    return np.stack([2 * np.pi * rng.uniform(0.15, 1.2, shape), rng.uniform(0, 2 * np.pi, shape)])
+    return np.array([2 * np.pi * rng.uniform(0.15, 1.2, shape), rng.uniform(0, 2 * np.pi, shape)])
 
 
 @compiled  # 8 us a call
