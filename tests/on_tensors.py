@@ -93,14 +93,16 @@ class Explicit:
 class Still:
     """A cloth that stays where it is, whatever is done to it; in tensors only."""
 
-    def __init__(self, scene: Scene, *, num_envs: int = 1) -> None:
-        self.scene, self.device = scene, torch.device("cpu")
+    def __init__(self, scene: Scene, *, num_envs: int = 1, device: str = "cpu") -> None:
+        self.scene, self.device = scene, torch.device(device)
+        self.health = torch.tensor([[1.0, 0.0, 0.0]], device=device).repeat(num_envs, 1)  # finite, unstretched, at rest
         self.memory: dict[str, np.ndarray] = {}
 
     def reset(self, state: State, materials: Any = None, which: Any = None) -> None:
-        there: dict[str, Any] = {name: torch.as_tensor(value).clone() for name, value in state.arrays().items()}
+        there: dict[str, Any] = {name: torch.as_tensor(a, device=self.device) for name, a in state.arrays().items()}
         if which is not None:
-            there = {name: getattr(self.state, name).index_put((torch.tensor(which),), a) for name, a in there.items()}
+            members = torch.tensor(which, device=self.device)
+            there = {name: getattr(self.state, name).index_put((members,), a) for name, a in there.items()}
         self._keep(State(**there))
 
     def advance(self, controls: Controls) -> State:
@@ -113,4 +115,4 @@ class Still:
 
     def _keep(self, state: State) -> None:
         self.state = state
-        self.state.health = torch.eye(3)[:1].expand(len(state.time), 3)  # finite, as long as at rest, and at rest
+        self.state.health = self.health
