@@ -10,6 +10,7 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
 from cloth_envs.scenes.measures import columns, ramp, tolerance
+from cloth_envs.scenes.starts import between
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -78,22 +79,20 @@ class BallDrop(Task):
         return Scene("BallDrop", grid, material, cls.frame_dt, colliders=bodies, air=Air(), self_contact=own)
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
-        yaw, side = rng.uniform(-np.pi, np.pi, 2)
-        away, phase = OFFSET * np.sqrt(rng.uniform()), rng.uniform(-np.pi, np.pi, 2)
-        height, wave, drift = rng.uniform(*DROP), rng.uniform(0, WAVE), rng.uniform(-DRIFT, DRIFT, 2)
-        return dict(yaw=yaw, side=side, away=away, phase=phase, height=height, wave=wave, drift=drift)  # noqa: C408
+        return {"even": rng.random(9)}
 
     def lay(self, drawn: dict[str, np.ndarray]) -> Start:
-        xp = array_namespace(drawn["yaw"])
-        spread = {name: values.reshape(len(values), -1, 1, 1) for name, values in drawn.items()}
-        yaw, side, away, phase = (spread[name] for name in ("yaw", "side", "away", "phase"))
+        even, xp = drawn["even"][..., None, None], array_namespace(drawn["even"])
+        yaw, side = (between(even[:, i], -np.pi, np.pi)[:, None] for i in range(2))
+        away, phase = OFFSET * xp.sqrt(even[:, 2:3]), between(even[:, 3:5], -np.pi, np.pi)
+        height, wave = between(even[:, 5:6], *DROP), between(even[:, 6:7], 0.0, WAVE)
         u, v = self.level
-        waves = spread["wave"] * xp.cos(2 * np.pi * u + phase[:, :1]) * xp.cos(2 * np.pi * v + phase[:, 1:])
+        waves = wave * xp.cos(2 * np.pi * u + phase[:, :1]) * xp.cos(2 * np.pi * v + phase[:, 1:])
         x = xp.cos(yaw) * u + xp.sin(yaw) * v + away * xp.cos(side)
         y = xp.sin(yaw) * u - xp.cos(yaw) * v + away * xp.sin(side)
-        positions = xp.concat([x, y, spread["height"] + waves], axis=1)
+        positions = xp.concat([x, y, height + waves], axis=1)
         start = Start.still(positions, {}, xp.broadcast_to(self.bodies, (len(yaw), *self.bodies.shape)))
-        start.velocities[:, :2] = spread["drift"]
+        start.velocities[:, :2] = between(even[:, 7:], -DRIFT, DRIFT)
         return start
 
     def controls(self, episode: Episode) -> Controls:

@@ -11,7 +11,7 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.scenes.drives import Drive, push
 from cloth_envs.scenes.measures import columns, largest_stretch, tolerance
-from cloth_envs.scenes.starts import pleats
+from cloth_envs.scenes.starts import between, either, pleats
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -90,11 +90,11 @@ class Collision(Task):
         )  # fmt: skip
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
-        side = rng.choice([-1.0, 1.0])
-        return {"side": side, "ball": rng.uniform(START_LOW, START_HIGH), "goal": rng.uniform(GOAL_LOW, GOAL_HIGH)}
+        return {"side": either(rng), "even": rng.random(6)}
 
     def lay(self, drawn: dict[str, np.ndarray]) -> Start:
-        ball, goal, xp = drawn["ball"], drawn["goal"], array_namespace(drawn["ball"])
+        even, xp = drawn["even"], array_namespace(drawn["even"])
+        ball, goal = between(even[:, :3], START_LOW, START_HIGH), between(even[:, 3:], GOAL_LOW, GOAL_HIGH)
         x, y, z = (xp.broadcast_to(part, (len(ball), *part.shape)) for part in self.hung)
         positions = xp.stack([x, drawn["side"][:, None, None] * y, z], axis=1)
         bodies = xp.broadcast_to(ball[:, None, None], (len(ball), 1, 2, 3))

@@ -12,7 +12,7 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.measures import columns, mean_span, tolerance
-from cloth_envs.scenes.starts import bow
+from cloth_envs.scenes.starts import between, bow, either
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -89,18 +89,12 @@ class Curtain(Task):
         )
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
-        opening, target = rng.uniform(LOW[0], HIGH[0]), rng.uniform(TARGET[0], TARGET[1] - 2 * APART)
-        if target > opening - APART:
-            target += 2 * APART
-        return {
-            "opening": opening,
-            "target": target,
-            "swing": rng.uniform(-SWING, SWING),
-            "side": rng.choice([-1.0, 1.0]),
-        }
+        return {"even": rng.random(3), "side": either(rng)}
 
     def lay(self, drawn: dict[str, np.ndarray]) -> Start:
-        grid, opening, xp = self.scene.grid, drawn["opening"], array_namespace(drawn["opening"])
+        grid, even, xp = self.scene.grid, drawn["even"], array_namespace(drawn["even"])
+        opening, target = between(even[:, 0], LOW[0], HIGH[0]), between(even[:, 1], TARGET[0], TARGET[1] - 2 * APART)
+        target = xp.where(target > opening - APART, target + 2 * APART, target)
         rows = []
         for i, (begin, end) in enumerate(self.spans):
             path = grid.col_spacing * bow(end - begin, opening)
@@ -111,9 +105,8 @@ class Curtain(Task):
         shape = (len(opening), 1, *grid.shape)
         upright = xp.broadcast_to(-grid.height * self.depth, shape)
         positions = xp.concat([xp.broadcast_to(level[:, :, None], (len(opening), 2, *grid.shape)), upright], axis=1)
-        swing = xp.broadcast_to(drawn["swing"][:, None, None, None] * self.depth, shape)
-        start = Start.still(positions, {"target": drawn["target"]})
-        start.velocities[:, 1:2] = swing
+        start = Start.still(positions, {"target": target})
+        start.velocities[:, 1] = between(even[:, 2, None, None], -SWING, SWING) * self.depth
         return start
 
     def controls(self, episode: Episode) -> Controls:

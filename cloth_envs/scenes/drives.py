@@ -10,6 +10,7 @@ import numpy as np
 from array_api_compat import array_namespace, device
 
 from cloth_envs.scenes.compiled import compiled
+from cloth_envs.scenes.starts import between
 
 GUST_TONES = 4
 
@@ -118,8 +119,13 @@ class Drive:
 
 def draw_gust(rng: np.random.Generator, signals: int = 1) -> np.ndarray:
     """Frequencies [rad/s] and phases of independent signals, ``(2, signals, GUST_TONES)``."""
-    shape = (signals, GUST_TONES)
-    return np.array([2 * np.pi * rng.uniform(0.15, 1.2, shape), rng.uniform(0, 2 * np.pi, shape)])
+    return tones_of(rng.random((1, 2 * signals * GUST_TONES)))[0]
+
+
+def tones_of(even: np.ndarray) -> np.ndarray:
+    """The same of numbers that are even in [0, 1), ``(B, 2 * signals * GUST_TONES)``, for B members."""
+    xp, parts = array_namespace(even), even.reshape(len(even), 2, -1, GUST_TONES)
+    return xp.stack([2 * np.pi * between(parts[:, 0], 0.15, 1.2), between(parts[:, 1], 0.0, 2 * np.pi)], axis=1)
 
 
 @compiled  # 8 us a call

@@ -8,8 +8,9 @@ from array_api_compat import array_namespace
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
-from cloth_envs.scenes.drives import Drive, draw_gust, gusty_wind
+from cloth_envs.scenes.drives import GUST_TONES, Drive, gusty_wind, tones_of
 from cloth_envs.scenes.measures import along, columns, loop_area, ramp
+from cloth_envs.scenes.starts import between
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -74,24 +75,23 @@ class Flag(Task):
         return Scene("Flag", grid, material, cls.frame_dt, handles=hoist, air=air, self_contact=SelfContact())
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
-        heading, speed = rng.uniform(-np.pi, np.pi), rng.uniform(*WIND_SPEED)
-        aside = heading + rng.uniform(-ASIDE, ASIDE)
-        return {"heading": heading, "speed": speed, "aside": aside, "wave": rng.uniform(), "gusts": draw_gust(rng, 2)}
+        return {"even": rng.random(4 + 4 * GUST_TONES)}
 
     def lay(self, drawn: dict[str, np.ndarray]) -> Start:
-        grid, aside, xp = self.scene.grid, drawn["aside"], array_namespace(drawn["aside"])
+        grid, even, xp = self.scene.grid, drawn["even"], array_namespace(drawn["even"])
+        heading, speed = between(even[:, 0], -np.pi, np.pi), between(even[:, 1], *WIND_SPEED)
+        aside, wave = heading + between(even[:, 2], -ASIDE, ASIDE), even[:, 3]
         # Slope angle along the flag: integrating unit steps keeps the edges at their rest length.
         part = self.along / grid.width
-        turn = 0.25 * xp.sin(2 * np.pi * (part + drawn["wave"][:, None])) * self.along / grid.width
-        along = drawn["heading"][:, None] + turn
+        turn = 0.25 * xp.sin(2 * np.pi * (part + wave[:, None])) * self.along / grid.width
+        along = heading[:, None] + turn
         step = grid.col_spacing * xp.stack([xp.cos(along), xp.sin(along)], axis=1)
         path = xp.cumulative_sum(step[:, :, :-1], axis=2, include_initial=True)
         level = xp.broadcast_to(path[:, :, None], (len(path), 2, *grid.shape))
         upright = xp.broadcast_to(self.down[:, None], (len(path), 1, *grid.shape))
         positions = xp.concat([level, upright], axis=1)
-        memory = {name: drawn[name] for name in ("heading", "speed", "gusts")}
-        memory["onlooker"] = xp.stack([xp.cos(aside), xp.sin(aside)], axis=1)
-        return Start.still(positions, memory)
+        onlooker, gusts = xp.stack([xp.cos(aside), xp.sin(aside)], axis=1), tones_of(even[:, 4:])
+        return Start.still(positions, {"heading": heading, "speed": speed, "onlooker": onlooker, "gusts": gusts})
 
     def wind(self, episode: Episode) -> np.ndarray:
         """The wind now, ``(B, 3)`` [m/s]."""

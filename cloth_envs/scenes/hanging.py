@@ -10,9 +10,9 @@ from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
-from cloth_envs.scenes.drives import Drive, draw_gust, gust
+from cloth_envs.scenes.drives import GUST_TONES, Drive, gust, tones_of
 from cloth_envs.scenes.measures import columns, tolerance
-from cloth_envs.scenes.starts import rotation
+from cloth_envs.scenes.starts import between, rotation
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -89,27 +89,28 @@ class Hanging(Task):
         )
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
-        # A quarter sheet around its corner covers `wrap` of a cone: isometric, folded nowhere.
-        sine = max(0.25 / rng.uniform(*WRAP), EDGE_TURN / min(self.scene.grid.cells))
-        yaw, rate = rng.uniform(-np.pi, np.pi), rng.uniform(-SWING, SWING, 2)
-        goal = rng.uniform(GOAL_LOW, GOAL_HIGH) - [0.0, 0.0, HANG]
-        return {"sine": sine, "yaw": yaw, "rate": rate, "goal": goal, "tones": draw_gust(rng)}
+        return {"even": rng.random(7 + 2 * GUST_TONES)}
 
     def lay(self, drawn: dict[str, np.ndarray]) -> Start:
-        grid, sine, xp = self.scene.grid, drawn["sine"][:, None, None], array_namespace(drawn["sine"])
+        grid, even, xp = self.scene.grid, drawn["even"], array_namespace(drawn["even"])
+        # A quarter sheet around its corner covers `wrap` of a cone: isometric, folded nowhere.
+        sine = (0.25 / between(even[:, 0], *WRAP)).clip(EDGE_TURN / min(grid.cells))[:, None, None]
+        yaw, rate = between(even[:, 1], -np.pi, np.pi), between(even[:, 2:4], -SWING, SWING)
         distance, angle = self.polar
         across, turn = distance * sine, angle / sine
         down = -distance * xp.sqrt(1 - sine**2)
         cone = xp.stack([across * xp.cos(turn), across * xp.sin(turn), down], axis=1).reshape(len(sine), 3, -1)
         middle = cone.mean(2)
         tilt = xp.atan2(middle[:, 0], -middle[:, 2])  # the middle hangs below the corner
-        x, y, z = xp.unstack(rotation(drawn["yaw"], 0, 1) @ rotation(tilt, 2, 0) @ cone, axis=1)
-        a, b = drawn["rate"][:, :1], drawn["rate"][:, 1:]
+        x, y, z = xp.unstack(rotation(yaw, 0, 1) @ rotation(tilt, 2, 0) @ cone, axis=1)
+        a, b = rate[:, :1], rate[:, 1:]
         shape = (len(sine), 3, *grid.shape)
         positions, velocities = (
             xp.stack(part, axis=1).reshape(shape) for part in ((x, y, z), (b * z, -a * z, a * y - b * x))
         )
-        memory = {"goal": drawn["goal"], "tones": drawn["tones"]}
+        goal = between(even[:, 4:7], GOAL_LOW, GOAL_HIGH)
+        goal[:, 2] -= HANG
+        memory = {"goal": goal, "tones": tones_of(even[:, 7:])}
         return replace(Start.still(positions, memory), velocities=velocities)
 
     def controls(self, episode: Episode) -> Controls:

@@ -8,8 +8,9 @@ from array_api_compat import array_namespace
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene
-from cloth_envs.scenes.drives import draw_gust, gust, pump
+from cloth_envs.scenes.drives import GUST_TONES, gust, pump, tones_of
 from cloth_envs.scenes.measures import columns, tolerance
+from cloth_envs.scenes.starts import between
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -70,12 +71,13 @@ class Pressure(Task):
         return Scene("Pressure", grid, material, cls.frame_dt, handles=pins, pressure=True, air=Air())
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
-        return {"bulge": rng.uniform(-BULGE, BULGE), "tones": draw_gust(rng)}
+        return {"even": rng.random(1 + 2 * GUST_TONES)}
 
     def lay(self, drawn: dict[str, np.ndarray]) -> Start:
-        bulge, xp = drawn["bulge"], array_namespace(drawn["bulge"])
+        even, xp = drawn["even"], array_namespace(drawn["even"])
+        bulge = between(even[:, 0], -BULGE, BULGE)
         x, y = (xp.broadcast_to(part, (len(bulge), *part.shape)) for part in self.level)
-        return Start.still(xp.stack([x, y, bulge[:, None, None] * self.dome], axis=1), {"tones": drawn["tones"]})
+        return Start.still(xp.stack([x, y, bulge[:, None, None] * self.dome], axis=1), {"tones": tones_of(even[:, 1:])})
 
     def controls(self, episode: Episode) -> Controls:
         controls = self.hold(episode)
