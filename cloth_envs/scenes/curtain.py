@@ -95,9 +95,10 @@ class Curtain(Task):
         grid, even, xp = self.scene.grid, drawn["even"], array_namespace(drawn["even"])
         opening, target = between(even[:, 0], LOW[0], HIGH[0]), between(even[:, 1], TARGET[0], TARGET[1] - 2 * APART)
         target = xp.where(target > opening - APART, target + 2 * APART, target)
+        bows = {cells: grid.col_spacing * bow(cells, opening) for cells in {end - begin for begin, end in self.spans}}
         rows = []
         for i, (begin, end) in enumerate(self.spans):
-            path = grid.col_spacing * bow(end - begin, opening)
+            path = bows[end - begin]
             along = opening[:, None] * begin * grid.col_spacing + path[:, 0]
             pleat = xp.stack([along, (-1) ** i * drawn["side"][:, None] * path[:, 1]], axis=1)
             rows.append(pleat if end == grid.cols - 1 else pleat[:, :, :-1])
