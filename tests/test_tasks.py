@@ -180,7 +180,7 @@ def test_example_prints_its_table() -> None:
 @pytest.mark.parametrize("cells", [2, 3, 8, 48])
 @pytest.mark.parametrize("ratio", [0.35, 0.6, 0.95])
 def test_bow_keeps_its_length(cells: int, ratio: float) -> None:
-    path = bow(cells, ratio)
+    path = bow(cells, np.array([ratio]))[0]
     assert np.allclose(np.hypot(*np.diff(path, axis=1)), 1.0, atol=1e-12)
     # The angle is read from a table of 221 entries, 0.01 rad apart: error below 0.01^2 / 8 of the ratio.
     assert abs(path[0, -1] / cells - ratio) < 2e-5

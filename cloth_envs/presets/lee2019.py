@@ -21,6 +21,7 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
@@ -166,9 +167,8 @@ class Flag2019(Lee2019, Flag):
         return Start(positions, np.zeros_like(positions), np.zeros((0, 2, 3)), memory)
 
     def wind(self, episode: Episode) -> np.ndarray:
-        wind = np.zeros((len(episode.action), 3))
-        wind[:, 0] = self.options["wind"]
-        return wind
+        still = episode.action[:, :1] * 0.0
+        return array_namespace(still).concat([still + self.options["wind"], still, still], axis=1)
 
 
 class Collision2019(Lee2019, Collision):
@@ -211,10 +211,10 @@ class Collision2019(Lee2019, Collision):
         """Where the ball would be at ``time`` ``(B,)`` and how fast, ``(B, 3)`` [m] and [m/s]."""
         middle, reach = (BALL_FROM + BALL_TO) / 2, (BALL_TO - BALL_FROM) / 2
         rate = 2 * np.pi / BALL_PERIOD
-        place, speed = np.zeros((2, len(time), 3))
-        place[:, 1], place[:, 2] = middle - reach * np.cos(rate * time), BALL_Z
-        speed[:, 1] = reach * rate * np.sin(rate * time)
-        return place, speed
+        xp, still = array_namespace(time), 0.0 * time
+        place = middle - reach * xp.cos(rate * time), still + BALL_Z
+        speed = reach * rate * xp.sin(rate * time), still
+        return xp.stack([still, *place], axis=1), xp.stack([still, *speed], axis=1)
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

@@ -1,12 +1,13 @@
 """What every scene file fills in: a Task maps actions to controls and states to rewards, batched."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from inspect import cleandoc
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
+from array_api_compat import array_namespace, device
 
 from cloth_envs.failure import MAX_STRAIN
 from cloth_envs.grid import Grid
@@ -19,15 +20,26 @@ from cloth_envs.state import Controls, State
 
 @dataclass
 class Start:
-    """How one episode begins: ``positions`` and ``velocities`` ``(3, H, W)``, ``colliders`` ``(C, 2, 3)``.
+    """How an episode begins: ``positions`` and ``velocities`` ``(3, H, W)``, ``colliders`` ``(C, 2, 3)``.
 
-    ``memory`` holds what the task must remember (goals, gust phases); one array a name.
+    ``memory`` holds what the task must remember (goals, gust phases); one array a name. Of a batch all have one more
+    axis, the first.
     """
 
     positions: np.ndarray
     velocities: np.ndarray
     colliders: np.ndarray
     memory: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @classmethod
+    def still(
+        cls, positions: np.ndarray, memory: dict[str, np.ndarray], colliders: np.ndarray | None = None
+    ) -> "Start":
+        """A batch at rest; without bodies, where none are given."""
+        xp = array_namespace(positions)
+        if colliders is None:
+            colliders = xp.zeros((len(positions), 0, 2, 3), dtype=positions.dtype, device=device(positions))
+        return cls(positions, xp.zeros_like(positions), colliders, memory)
 
 
 @dataclass
@@ -70,6 +82,7 @@ class Task(ABC):
         self.keypoints = scene.grid.keypoints(*self.lattice).astype(np.int32)
         self.handles = np.array(scene.handles, dtype=np.int32)
         self.leads = self.handles[scene.holding.lead]  # the vertex that each handle moves with
+        self.led = bool((self.leads != self.handles).any())  # whether one moves with another
 
     def __repr__(self) -> str:
         return f"<Task {type(self).__name__} {self.scene.grid}, actions {', '.join(self.actions)}>"
@@ -89,9 +102,29 @@ class Task(ABC):
         """The task with some of its ``options`` changed; for those that have any."""
         raise NotImplementedError(f"{cls.__name__} says how its options {', '.join(options)} change it")
 
-    @abstractmethod
+    def __init_subclass__(cls) -> None:
+        """A ``start`` of one's own comes in the place of an inherited ``draw`` and ``lay``."""
+        if "start" in vars(cls) and "draw" not in vars(cls):
+            cls.draw, cls.lay = Task.draw, Task.lay  # type: ignore[method-assign]
+
     def start(self, rng: np.random.Generator) -> Start:
-        """A random start; draws only from ``rng``."""
+        """A random start; draws only from ``rng``. A scene has this, or ``draw`` and ``lay``."""
+        if type(self).draw is Task.draw:
+            raise NotImplementedError(f"{type(self).__name__} needs a start, or draw and lay")
+        batch = self.lay(stacked([self.draw(rng)]))
+        memory = {name: values[0] for name, values in batch.memory.items()}
+        return Start(batch.positions[0], batch.velocities[0], batch.colliders[0], memory)
+
+    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
+        """What is random of one start, numbers or arrays by name; draws only from ``rng``."""
+        start = self.start(rng)
+        whole = {"positions": start.positions, "velocities": start.velocities, "colliders": start.colliders}
+        return whole | start.memory
+
+    def lay(self, drawn: dict[str, np.ndarray]) -> Start:
+        """Starts of what was drawn for B members, ``(B, ...)`` each; on a device the arrays are tensors there."""
+        memory = dict(drawn)
+        return Start(memory.pop("positions"), memory.pop("velocities"), memory.pop("colliders"), memory)
 
     @abstractmethod
     def controls(self, episode: Episode) -> Controls:
@@ -102,10 +135,12 @@ class Task(ABC):
 
         Nothing where every handle leads itself.
         """
-        if (self.leads == self.handles).all():
+        if not self.led:
             return {}
-        flat = positions.reshape(len(positions), 3, -1).astype(np.float64)
-        return {"grips": (flat[:, :, self.handles] - flat[:, :, self.leads]).transpose(0, 2, 1).copy()}
+        xp = array_namespace(positions)
+        vertices = xp.permute_dims(positions.reshape(len(positions), 3, -1), (0, 2, 1))
+        at, lead = (xp.astype(vertices[:, which], xp.float64) for which in (self.handles, self.leads))
+        return {"grips": at - lead}
 
     def hold(self, episode: Episode) -> Controls:
         """Controls that bring every handle and body to rest where it is now; a scene changes what it drives.
@@ -146,6 +181,11 @@ class Task(ABC):
     @abstractmethod
     def reward(self, episode: Episode) -> np.ndarray:
         """``(B,)`` in [0, 1]."""
+
+
+def stacked(drawn: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
+    """What ``Task.draw`` gave for each of some members, ``(B, ...)``."""
+    return {name: np.array([one[name] for one in drawn]) for name in drawn[0]}
 
 
 def documented(task: type[Task]) -> type[Task]:
