@@ -53,10 +53,6 @@ class DeviceWorld(World):
         if hasattr(self.task, "drive"):
             self._task.drive = moved(self.task.drive, self.device)
 
-    def _make(self, arguments: dict[str, Any]) -> None:
-        super()._make(arguments)
-        self._move()
-
     def read_only(self) -> State:
         return on_host(self.state).read_only()
 
