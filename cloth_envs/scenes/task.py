@@ -62,7 +62,11 @@ class Episode:
 
 
 class Task(ABC):
-    """One scene's task. Every method takes and returns batches, so single and vector environments agree bit for bit."""
+    """One scene's task. Every method takes and returns batches, so single and vector environments agree bit for bit.
+
+    Batches are NumPy arrays, or tensors where an environment lives on a device: of a copy of the task, then, whose own
+    arrays are tensors there.
+    """
 
     size: ClassVar[tuple[float, float]]  # rest height and width [m]
     resolution: ClassVar[tuple[int, int]]  # default rows and columns
