@@ -69,5 +69,5 @@ def miniature(
     plain = MiniatureBackend(scene, upscaler=upscaler, threads=threads, **usual)
     lacking += ["mended edges"] if plain.mend else []
     lacking += ["a guard"] if guard and not isinstance(plain.upscaling, Interpolation) else []
-    without = f"on a device without {', '.join(lacking)}" if lacking else ""
+    without = f"on a device without {' and '.join(lacking)}" if lacking else ""
     return MiniatureOnDevice(plain, num_envs=num_envs, device=usable(device), without=without)
