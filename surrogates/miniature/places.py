@@ -17,7 +17,6 @@ from cloth_envs.state import State
 from surrogates.miniature.fine import REACH
 from surrogates.miniature.handles import Handles
 from surrogates.upscale.local import Local
-from surrogates.upscale.local_features import NODES
 from surrogates.upscale.protocol import Upscaler
 from surrogates.upscale.tensors import CellNet, Product, base, interpolation, nodes
 
@@ -82,9 +81,8 @@ class Places:
         self._net: CellNet | None = None
         if isinstance(upscaling, Local):
             said = csr_array(kept @ nodes(upscaling))
-            cells = np.unique(said.indices // NODES)
-            self._net = CellNet(upscaling, cells, device)
-            self._nodes = Product(said[:, np.add.outer(np.arange(NODES), cells * NODES).ravel()], device)
+            wanted = np.unique(said.indices)
+            self._net, self._nodes = CellNet(upscaling, wanted, device), Product(csr_array(said[:, wanted]), device)
 
     def __call__(self, now: Moment) -> tuple[Tensor, Tensor]:
         """Positions [m] and velocities [m/s], ``(B, 3, K)``."""

@@ -34,15 +34,16 @@ class Product:
     """A sparse ``matrix`` ``(K, n)`` times fields ``(3, n, B)`` on ``device``: ``(3, K, B)``."""
 
     def __init__(self, matrix: csr_array, device: torch.device) -> None:
-        self._parts: list[tuple[Tensor, Tensor]] = []
+        self._parts: list[tuple[Tensor | None, Tensor]] = []
         for first in range(0, matrix.shape[0], BLOCK):
             part = csr_array(matrix[first : first + BLOCK])
             used = np.unique(part.indices)
             dense = torch.tensor(part[:, used].toarray(), dtype=torch.float32, device=device)
-            self._parts.append((torch.tensor(used, dtype=torch.int64, device=device), dense))
+            every = len(used) == matrix.shape[1]
+            self._parts.append((None if every else torch.tensor(used, dtype=torch.int64, device=device), dense))
 
     def __call__(self, field: Tensor) -> Tensor:
-        parts = [dense @ field.index_select(1, used) for used, dense in self._parts]
+        parts = [dense @ (field if used is None else field.index_select(1, used)) for used, dense in self._parts]
         return parts[0] if len(parts) == 1 else torch.cat(parts, 1)
 
 
@@ -65,47 +66,56 @@ def base(upscaling: Any) -> csr_array:
 
 
 class CellNet:
-    """The residuals of ``upscaling`` at the nodes of some ``cells`` of coarse cloths.
+    """Residuals of ``upscaling`` where they are wanted: nodes by number, of ``cells * NODES``.
 
-    The mean of a patch is left out in the first layer's weights instead of being subtracted, and the network's axes are
-    turned in the first and last layer to those that are cheapest to have.
+    Three things save passes over what is large. The mean of a patch is left out in the first layer's weights instead of
+    being subtracted. Axes are the sum and the difference of a cell's edges, of which the network's are half-way turned:
+    its first and last layer are turned as well. And as ``relu(u + b) = max(u, -b) + b``, a bias goes on into the next
+    layer's (``layer_biases``).
     """
 
-    def __init__(self, upscaling: Local, cells: Sequence[int], device: torch.device) -> None:
+    def __init__(self, upscaling: Local, wanted: np.ndarray, device: torch.device) -> None:
         grid = upscaling.coarse.grid
         rows, cols = grid.shape
         self._shape, self._unit = grid.shape, spacing(grid)
-        corner = np.add.outer(np.arange(rows - 1) * (cols + 2), np.arange(cols - 1)).ravel()[list(cells)]
+        cells, where = np.unique(wanted // NODES, return_inverse=True)
+        corner = np.add.outer(np.arange(rows - 1) * (cols + 2), np.arange(cols - 1)).ravel()[cells]
         places = PLACES // 4 * (cols + 2) + PLACES % 4
-        self._patches = torch.tensor(np.add.outer(places, corner).ravel(), device=device)
-        first, *others = (np.asarray(weight, np.float64) for weight in upscaling.weights)
-        turned = np.einsum("oap,ab->obp", first.reshape(len(first), 3, -1), TURN)
-        turned = (turned - turned.mean(-1, keepdims=True)) / self._unit
-        layers = [turned.reshape(len(first), -1), *others]
-        layers[-1] = turn_outputs(layers[-1])
-        self._layers = [torch.tensor(layer, dtype=torch.float32, device=device) for layer in layers]
+        indices = np.add.outer(places, corner).ravel(), where, wanted % NODES, wanted % NODES * len(cells) + where
+        self._patches, self._cells, self._nodes, self._said = (torch.tensor(i, device=device) for i in indices)
+        self._layers = [torch.tensor(w, dtype=torch.float32, device=device) for w in turned(upscaling)]
         self._border = [torch.tensor(_continued(n), dtype=torch.float32, device=device) for n in grid.shape]
 
     def __call__(self, x: Tensor, biases: Sequence[Tensor]) -> Tensor:
-        """Residuals [m] of cloths ``x`` ``(3, h w, B)``, ``(3, cells 9, B)``; ``biases`` ``(n, B)`` of each layer."""
-        batch = x.shape[-1]
+        """Residuals [m] in cloths ``x`` ``(3, h w, B)``, ``(3, wanted, B)``; ``biases`` ``(n, B)`` of each layer."""
+        batch, (*hidden, last) = x.shape[-1], self._layers
         centred = (x - x.mean(1, keepdim=True)).view(3, *self._shape, batch)
         padded = self._border[1] @ (self._border[0] @ centred.flatten(2)).unflatten(2, (-1, batch))
         p = padded.flatten(1, 2).index_select(1, self._patches).view(3, len(PLACES), -1, batch)
         one, other = p[:, 8] - p[:, 3], p[:, 4] - p[:, 7]  # diagonals of the cell
         edges = functional.normalize(torch.stack([one + other, one - other]), dim=1)
         axes = functional.normalize(torch.stack([edges[0] + edges[1], edges[0] - edges[1]]), dim=1)
-        axes = torch.cat([axes, torch.linalg.cross(axes[1], axes[0], dim=0)[None]])[:, :, None]  # (3 axes, 3, 1, P, B)
-        y = axes[:, 0] * p[0]
-        y.addcmul_(axes[:, 1], p[1]).addcmul_(axes[:, 2], p[2])
-        for k, (layer, bias) in enumerate(zip(self._layers, biases, strict=True)):
-            flat = (y.relu_() if k else y).view(layer.shape[1], -1)
-            y = (layer @ flat).view(len(layer), -1, batch).add_(bias[:, None])
-        y = y.view(3, NODES, -1, batch)
-        y.mul_(self._unit * torch.rsqrt(1 + y.square().sum(0) / LIMIT**2))
-        out = axes[0] * y[0]
-        out.addcmul_(axes[1], y[1]).addcmul_(axes[2], y[2])
-        return out.flatten(1, 2)
+        axes = torch.cat([axes, torch.linalg.cross(axes[1], axes[0], dim=0)[None]])  # (3 axes, 3, cells, B)
+        y = axes[:, 0, None] * p[0]
+        y.addcmul_(axes[:, 1, None], p[1]).addcmul_(axes[:, 2, None], p[2])
+        for layer, bias in zip(hidden, biases, strict=False):
+            y = (layer @ y.view(layer.shape[1], -1)).view(len(layer), -1, batch)
+            y = torch.maximum(y, -bias[:, None], out=y)
+        said = (last @ y.view(last.shape[1], -1)).view(3, -1, batch).index_select(1, self._said)
+        said.add_(biases[-1].view(3, NODES, batch).index_select(1, self._nodes))
+        # In units of the spacing said / sqrt(1 + |said|^2 / LIMIT^2).
+        over = torch.linalg.vector_norm(said, dim=0).div_(LIMIT).square_().add_(1.0).rsqrt_().mul_(self._unit)
+        axes = axes.index_select(2, self._cells)
+        said.mul_(over)
+        return (axes[0] * said[0]).addcmul_(axes[1], said[1]).addcmul_(axes[2], said[2])
+
+
+def turned(upscaling: Local) -> list[np.ndarray]:
+    """The layers' weights as ``CellNet`` has them."""
+    first, *others = (np.asarray(weight, np.float64) for weight in upscaling.weights)
+    inner = np.einsum("oap,ab->obp", first.reshape(len(first), 3, -1), TURN) / spacing(upscaling.coarse.grid)
+    layers = [(inner - inner.mean(-1, keepdims=True)).reshape(first.shape), *others]
+    return [*layers[:-1], turn_outputs(layers[-1])]
 
 
 def turn_outputs(outputs: np.ndarray) -> np.ndarray:
@@ -116,9 +126,11 @@ def turn_outputs(outputs: np.ndarray) -> np.ndarray:
 def layer_biases(
     upscaling: Local, materials: Sequence[Material], which: Sequence[int], device: torch.device
 ) -> list[Tensor]:
-    """Biases of ``CellNet`` for cloths that are each of one of some ``materials``, by number; ``(n, B)`` a layer."""
+    """Biases of ``CellNet`` of cloths that are each of one of some ``materials``, by number; ``(n, B)`` of each layer."""
     ends = np.cumsum([len(weight) for weight in upscaling.weights])
-    layers = np.split(upscaling.biases(materials).T, ends[:-1])
+    layers = np.split(upscaling.biases(materials).T.astype(np.float64), ends[:-1])
+    for k, weight in enumerate(upscaling.weights[1:]):
+        layers[k + 1] = layers[k + 1] + weight @ layers[k]
     layers[-1] = turn_outputs(layers[-1])
     return [torch.tensor(layer[:, which], dtype=torch.float32, device=device) for layer in layers]
 
