@@ -1,4 +1,4 @@
-"""The miniature on a device: the frames of the compiled one, at some vertices as in the whole cloth, and what is told."""
+"""The miniature on a device: frames of the compiled one, at some vertices as in the whole cloth, and what is told."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def inner(made: World) -> Any:
 def test_frames_are_those_of_the_compiled_miniature(scene: str, factor: int, device: str) -> None:
     there, here = (step(world(scene, factor=factor, **o), 3) for o in ({"device": device}, {}))
     solver, grid = inner(there).solver, here.scene.grid
-    # What rounding leaves after three frames of calm cloth; of velocities that of waves, whose frequency is below 2 / h.
+    # What rounding leaves after three frames of calm cloth; velocities are those of waves, of frequencies below 2 / h.
     close, rate = 1e-5 * max(grid.height, grid.width), 2 * solver.last_cuts.max().item() / here.scene.frame_dt
     np.testing.assert_allclose(there.state.positions, here.state.positions, rtol=0, atol=close)
     np.testing.assert_allclose(there.state.velocities, here.state.velocities, rtol=0, atol=rate * close)
@@ -84,8 +84,8 @@ def assert_same_cloth(
     there = State(**{name: to_device(value, CPU) for name, value in coarse.arrays().items()})
     driven = [to_device(field, CPU) for field in (controls.handle_positions, controls.handle_velocities)]
     for found, field in zip(places(Moment.of(there, driven, list(biases))), wanted, strict=True):
-        # Numbers of up to 4, a few dozen of them summed, beside a network's of a tenth of that; and what handles are off
-        # by is left by the kernel where it is below ROUNDING.
+        # Numbers of up to 4, a few dozen of them summed, and a network's of a tenth of that. The kernel leaves what
+        # handles are off by where it is below ROUNDING, a third of this.
         np.testing.assert_allclose(found.reshape(field.shape), field, rtol=0, atol=64 * 4 * EPS)
     return fine.pushed
 
@@ -110,7 +110,8 @@ def test_handles_pull_and_bodies_push_as_the_kernel_has_it(body: str, upscaler: 
     bodies = (Collider(body, radius), Collider("sphere", 0.2))
     scene = Scene("sheet", grid, Material(), 0.01, colliders=bodies, handles=(0, 8, 58, 60))
     coarse, handles = coarse_scene(scene, 3, scene.material)
-    state = State.still(crumpled(coarse.grid), np.tile(np.array([ENDS[body], ENDS["sphere"]], np.float32), (2, 1, 1, 1)))
+    ends = np.tile(np.array([ENDS[body], ENDS["sphere"]], np.float32), (2, 1, 1, 1))
+    state = State.still(crumpled(coarse.grid), ends)
     state.velocities[:] = rng.normal(size=state.velocities.shape)
     state.collider_velocities[:, :, :, 0] = 0.3
     controls = Controls.hold(State.still(crumpled(grid), state.colliders), scene.handles)

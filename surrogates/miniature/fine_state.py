@@ -54,7 +54,8 @@ class FineState(LazyState):
 
     def _whole(self) -> Cloth:
         every = self._places(None)
-        return Cloth(*(field.unflatten(2, every.scene.grid.shape) for field in self._some(every)))
+        there: Any = self._some(every)
+        return Cloth(*(field.unflatten(2, every.scene.grid.shape) for field in there))
 
     def _some(self, places: Places) -> Cloth:
         if self.now is not None:

@@ -34,8 +34,8 @@ def miniature(
 ) -> "MiniatureBackend | MiniatureOnDevice":
     """Coarse physics and an upscaler; the arguments are those of ``MiniatureBackend`` and ``device``.
 
-    On a ``device``, ``"cuda"``, thousands of coarse cloths are stepped by one kernel, and of the fine ones what is read is
-    computed there, in torch. Edges are not mended there, the network is not guarded, the cloth does not keep out of
+    On a ``device``, ``"cuda"``, thousands of coarse cloths are stepped by one kernel, and what is read of the fine ones
+    is computed there, in torch. Edges are not mended there, the network is not guarded, the cloth does not keep out of
     itself; what was asked for and is not there is left out for what is plainer: ``surrogate`` tells. ``"cpu"`` emulates
     the card, slowly, to test it.
 
@@ -46,7 +46,7 @@ def miniature(
     """
     usual: dict[str, Any] = {"factor": factor, "scaling": scaling, "factors": factors, "strict": strict}
     if device is None:
-        own = {"mend": mend, "guard": guard, "correction": correction, "threads": threads}
+        own: dict[str, Any] = {"mend": mend, "guard": guard, "correction": correction, "threads": threads}
         return MiniatureBackend(
             scene, num_envs=num_envs, upscaler=upscaler, solver=solver, solver_kwargs=solver_kwargs, **own, **usual
         )

@@ -1,4 +1,4 @@
-"""The miniature of thousands of members on a graphics card: the coarse cloth by ``CardSolver``, the fine one in torch."""
+"""The miniature of thousands of members on a device: the coarse cloth by ``CardSolver``, the fine one in torch."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,7 +14,7 @@ from cloth_envs.physics.explicit.bounds import HELD
 from cloth_envs.physics.gpu.solver import CardSolver
 from cloth_envs.resample import weights
 from cloth_envs.state import Controls, State
-from cloth_envs.tensors import health_of
+from cloth_envs.tensors import health_of, to_device
 from surrogates.miniature.backend import MiniatureBackend
 from surrogates.miniature.fine_state import FineState, Given
 from surrogates.miniature.places import Moment, Places
@@ -60,7 +60,8 @@ class MiniatureOnDevice:
         self._places = lru_cache(PLANS)(self._make_places)
 
     def _put(self, array: Any) -> Tensor:
-        return torch.as_tensor(array, device=self.device)
+        there: Tensor = to_device(array, self.device)
+        return there
 
     def _make_places(self, vertices: bytes | None) -> Places:
         numbers = np.arange(self.scene.grid.vertices) if vertices is None else np.frombuffer(vertices, np.int64)
@@ -93,7 +94,7 @@ class MiniatureOnDevice:
 
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Take back, after a ``reset`` of the whole batch, what ``memory`` held."""
-        cloth = {name: self._put(memory[name])[:, 0] for name in ("positions", "velocities")}
+        cloth: dict[str, Any] = {name: self._put(memory[name])[:, 0] for name in ("positions", "velocities")}
         self.solver.reset(replace(self.solver.state, **cloth), [self._coarse[m] for m in self._materials])
         self._offsets = self._put(memory["offsets"]).clone()
         self._show(self.state.now, self.state.given)
@@ -108,18 +109,19 @@ class MiniatureOnDevice:
         """Start from ``state``, of tensors or NumPy arrays; see ``Backend.reset``."""
         members = list(range(self.num_envs)) if which is None else list(which)
         chosen = [self.scene.material] * len(members) if materials is None else list(materials)
-        x, v = (self._put(field).to(torch.float32, copy=True) for field in (state.positions, state.velocities))
+        there: dict[str, Any] = {name: self._put(value) for name, value in state.arrays().items()}
+        x, v = (there[name].to(torch.float32, copy=True) for name in ("positions", "velocities"))
         rows, cols = self._restricted
-        there: dict[str, Any] = {"positions": rows @ x @ cols.T, "velocities": rows @ v @ cols.T}
+        there |= {"positions": rows @ x @ cols.T, "velocities": rows @ v @ cols.T}
         self._coarse = {m: self._plain.coarse.material(m) for m in dict.fromkeys([*self._materials, *chosen])}
-        self.solver.reset(State(**(state.arrays() | there)), [self._coarse[m] for m in chosen], which)
+        self.solver.reset(State(**there), [self._coarse[m] for m in chosen], which)
         here = there["positions"].flatten(2)[:, :, self._driving]
         offsets = (here - x.flatten(2)[:, :, self._driven][:, :, self._follows]).transpose(1, 2).double()
         given = Given(members, x, v)
         if which is None:
             self._offsets, now = offsets.contiguous(), None
         else:
-            self._offsets = self._offsets.index_copy(0, self._put(members), offsets)
+            self._offsets = self._offsets.index_copy(0, self._put(np.array(members)), offsets)
             now, given = self.state.now, given.and_before(self.state.given)
         self._set_materials(members, chosen)
         self._show(now, given)
@@ -132,7 +134,7 @@ class MiniatureOnDevice:
         if isinstance(self.upscaling, Local):
             numbers = {m: k for k, m in enumerate(told)}
             each = layer_biases(self.upscaling, list(told), [numbers[m] for m in chosen], self.device)
-            index = self._put(members)
+            index = self._put(np.array(members))
             old = self._biases or [torch.empty(len(new), self.num_envs, device=self.device) for new in each]
             self._biases = [was.index_copy(1, index, new) for was, new in zip(old, each, strict=True)]
         self._materials = self._materials or [self.scene.material] * self.num_envs

@@ -1,7 +1,7 @@
 """Fine cloths at some of their vertices, in torch: interpolation and the local network for thousands of cloths at once.
 
 Tensors have the batch last, so that a vertex of all cloths is one row: interpolation is a product of matrices, and what
-a network sees of a coarse cell is numbers beside each other for all cloths. ``local_features`` has the network in NumPy.
+a network sees of a coarse cell are numbers beside each other for all cloths. ``local_features`` is its twin in NumPy.
 """
 
 from collections.abc import Sequence
@@ -126,7 +126,7 @@ def turn_outputs(outputs: np.ndarray) -> np.ndarray:
 def layer_biases(
     upscaling: Local, materials: Sequence[Material], which: Sequence[int], device: torch.device
 ) -> list[Tensor]:
-    """Biases of ``CellNet`` of cloths that are each of one of some ``materials``, by number; ``(n, B)`` of each layer."""
+    """Biases of ``CellNet``, ``(n, B)`` of each layer; ``which`` says by number of which material each cloth is."""
     ends = np.cumsum([len(weight) for weight in upscaling.weights])
     layers = np.split(upscaling.biases(materials).T.astype(np.float64), ends[:-1])
     for k, weight in enumerate(upscaling.weights[1:]):
