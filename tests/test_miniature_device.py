@@ -112,6 +112,7 @@ def test_handles_pull_and_bodies_push_as_the_kernel_has_it(body: str, upscaler: 
     coarse, handles = coarse_scene(scene, 3, scene.material)
     ends = np.tile(np.array([ENDS[body], ENDS["sphere"]], np.float32), (2, 1, 1, 1))
     state = State.still(crumpled(coarse.grid), ends)
+    state.positions[:, :, -1, 0] = ENDS["sphere"][0]  # in the middle of a body
     state.velocities[:] = rng.normal(size=state.velocities.shape)
     state.collider_velocities[:, :, :, 0] = 0.3
     controls = Controls.hold(State.still(crumpled(grid), state.colliders), scene.handles)

@@ -53,7 +53,8 @@ class MiniatureOnDevice:
         self._driven = self._put(np.array(self.scene.handles, np.int64))
         self._driving = self._put(np.array(coarse.handles, np.int64))
         self._follows = self._put(self._handles.follows.astype(np.int64))
-        self._materials: list[Material] = []
+        self._materials: list[Material | None] = [None] * self.num_envs
+        self._coarse = [coarse.material] * self.num_envs
         self._biases: list[Tensor] = []
         self._told = np.full(self.num_envs, self._tell(self.scene.material), object)
         self._state: FineState | None = None
@@ -95,7 +96,7 @@ class MiniatureOnDevice:
     def recall(self, memory: Mapping[str, Any]) -> None:
         """Take back, after a ``reset`` of the whole batch, what ``memory`` held."""
         cloth: dict[str, Any] = {name: self._put(memory[name])[:, 0] for name in ("positions", "velocities")}
-        self.solver.reset(replace(self.solver.state, **cloth), [self._coarse[m] for m in self._materials])
+        self.solver.reset(replace(self.solver.state, **cloth), self._coarse)
         self._offsets = self._put(memory["offsets"]).clone()
         self._show(self.state.now, self.state.given)
 
@@ -113,8 +114,8 @@ class MiniatureOnDevice:
         x, v = (there[name].to(torch.float32, copy=True) for name in ("positions", "velocities"))
         rows, cols = self._restricted
         there |= {"positions": rows @ x @ cols.T, "velocities": rows @ v @ cols.T}
-        self._coarse = {m: self._plain.coarse.material(m) for m in dict.fromkeys([*self._materials, *chosen])}
-        self.solver.reset(State(**there), [self._coarse[m] for m in chosen], which)
+        self._set_materials(members, chosen)
+        self.solver.reset(State(**there), [self._coarse[i] for i in members], which)
         here = there["positions"].flatten(2)[:, :, self._driving]
         offsets = (here - x.flatten(2)[:, :, self._driven][:, :, self._follows]).transpose(1, 2).double()
         given = Given(members, x, v)
@@ -123,23 +124,19 @@ class MiniatureOnDevice:
         else:
             self._offsets = self._offsets.index_copy(0, self._put(np.array(members)), offsets)
             now, given = self.state.now, given.and_before(self.state.given)
-        self._set_materials(members, chosen)
         self._show(now, given)
 
     def _set_materials(self, members: list[int], chosen: list[Material]) -> None:
-        if self._materials and [self._materials[i] for i in members] == chosen:
+        if [self._materials[i] for i in members] == chosen:
             return
-        told = {m: self._tell(m) for m in dict.fromkeys(chosen)}
-        self._told[members] = [told[m] for m in chosen]
+        found = {m: (k, self._tell(m), self._plain.coarse.material(m)) for k, m in enumerate(dict.fromkeys(chosen))}
+        for i, material in zip(members, chosen, strict=True):
+            self._materials[i], (_, self._told[i], self._coarse[i]) = material, found[material]
         if isinstance(self.upscaling, Local):
-            numbers = {m: k for k, m in enumerate(told)}
-            each = layer_biases(self.upscaling, list(told), [numbers[m] for m in chosen], self.device)
+            each = layer_biases(self.upscaling, list(found), [found[m][0] for m in chosen], self.device)
             index = self._put(np.array(members))
             old = self._biases or [torch.empty(len(new), self.num_envs, device=self.device) for new in each]
             self._biases = [was.index_copy(1, index, new) for was, new in zip(old, each, strict=True)]
-        self._materials = self._materials or [self.scene.material] * self.num_envs
-        for i, material in zip(members, chosen, strict=True):
-            self._materials[i] = material
 
     def advance(self, controls: Controls) -> FineState:
         """One frame; the fine cloth is computed when it is read."""
