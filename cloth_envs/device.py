@@ -53,10 +53,6 @@ class DeviceWorld(World):
         if hasattr(self.task, "drive"):
             self._task.drive = moved(self.task.drive, self.device)
 
-    def _make(self, arguments: dict[str, Any]) -> None:
-        super()._make(arguments)
-        self._move()
-
     def read_only(self) -> State:
         return on_host(self.state).read_only()
 
@@ -70,14 +66,19 @@ class DeviceWorld(World):
         if self._episode is None:
             super()._place(which, state, there)
             self._begin()
+            self._look()
         else:
-            self.backend.reset(state, [self.materials[i] for i in which], which)
-            self.episode.state = self.backend.state
             members = torch.tensor(which, device=self.device)
             for name, values in there.items():
                 self.episode.memory[name][members] = values
             self._frames[members] = to_device(self.frames[which], self.device)
-        self._look()
+            self._replace(members, which, state)
+
+    def _replace(self, members: Tensor, which: Sequence[int], state: State) -> None:
+        """Go on from ``state`` with some members."""
+        self.backend.reset(state, [self.materials[i] for i in which], which)
+        self.episode.state = self.backend.state
+        self._look(members)
 
     def _begin(self) -> None:
         """Lay out what stays where it is: all that ``_driven`` and ``_judged`` read."""
@@ -86,18 +87,19 @@ class DeviceWorld(World):
         action: Any = self._given.clone()
         self.episode.action = action
         self._frames = to_device(self.frames, self.device)
-        self._seen = selected(state, slice(None))
+        there: dict[str, Any] = state.arrays()
+        self._seen = State(**{name: value.clone() for name, value in there.items()})
         self._health = health_of(state, self.scene.grid).clone()
         self._energy = self._health[:, 2].clone()  # before the frame
         self._drive, self._judge = OneLaunch(self._driven, self.device), OneLaunch(self._judged, self.device)
 
     @torch.no_grad()
-    def _look(self) -> None:
-        """Copy the present state to where the task sees it."""
-        state = self.episode.state
+    def _look(self, members: Tensor | slice = slice(None)) -> None:
+        """Copy the present state, or that of some members, to where the task sees it."""
+        state = selected(self.episode.state, members)
         for name, value in state.arrays().items():
-            getattr(self._seen, name).copy_(value)
-        self._health.copy_(health_of(state, self.scene.grid))
+            getattr(self._seen, name)[members] = value
+        self._health[members] = health_of(state, self.scene.grid)
         self._observed: Any = None
 
     def _as_seen(self) -> Episode:
@@ -171,9 +173,7 @@ class DeviceWorld(World):
         }
         good = selected(before, which)
         good.time = self._seen.time[which]
-        self.backend.reset(good, [self.materials[i] for i in members], members)
-        self.episode.state = self.backend.state
-        self._look()
+        self._replace(which, members, good)
         self._find()
         self.rewards[which] = 0.0
         return reasons

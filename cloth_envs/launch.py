@@ -30,19 +30,19 @@ class OneLaunch:
         """What the function gives now, in new tensors."""
         if self._device.type != "cuda":
             return list(self._function())
-        graph = self._graph or self._record()
-        graph.replay()
-        return [result.clone() for result in self._results]
+        with torch.cuda.device(self._device):
+            graph = self._graph or self._record()
+            graph.replay()
+            return [result.clone() for result in self._results]
 
     def _record(self) -> torch.cuda.CUDAGraph:
-        with torch.cuda.device(self._device):
-            aside = torch.cuda.Stream()  # type: ignore[no-untyped-call]
-            aside.wait_stream(torch.cuda.current_stream())
-            with torch.cuda.stream(aside):
-                for _ in range(WARM_UP):
-                    self._function()
-            torch.cuda.current_stream().wait_stream(aside)
-            graph = self._graph = torch.cuda.CUDAGraph()
-            with torch.cuda.graph(graph):
-                self._results = self._function()
+        aside = torch.cuda.Stream()  # type: ignore[no-untyped-call]
+        aside.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(aside):
+            for _ in range(WARM_UP):
+                self._function()
+        torch.cuda.current_stream().wait_stream(aside)
+        graph = self._graph = torch.cuda.CUDAGraph()
+        with torch.cuda.graph(graph):
+            self._results = self._function()
         return graph

@@ -40,7 +40,8 @@ class Observer:
         """Observations of the batch, freshly allocated, in ``space`` with a leading axis."""
         state, extras = episode.state, self.task.observe(episode)
         if self._mesh:
-            mesh = array_namespace(extras).concat([state.positions, state.velocities], axis=1)
+            xp = array_namespace(extras)
+            mesh = xp.concat([xp.astype(field, xp.float32) for field in (state.positions, state.velocities)], axis=1)
             limit = self.task.extras_bound
             return {"mesh": mesh.clip(-self._limit, self._limit), "task": extras.clip(-limit, limit)}
         return gather(state.positions, state.velocities, self.task.keypoints, extras, self._bound)

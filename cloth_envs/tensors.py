@@ -50,10 +50,14 @@ def starting(positions: Any, velocities: Any, colliders: Any) -> State:
     return State(*there)
 
 
-def selected(state: State, which: Any) -> State:
-    """A copy of some members of a batch of tensors."""
+def selected(state: State, which: Tensor | slice) -> State:
+    """Some members of a batch of tensors, with their health; a view where they are a slice."""
     there: dict[str, Any] = state.arrays()
-    return State(**{name: value[which].clone() for name, value in there.items()})
+    found = State(**{name: value[which] for name, value in there.items()})
+    if state.health is not None:
+        health: Any = state.health
+        found.health = health[which]  # type: ignore[misc]
+    return found
 
 
 def health_of(state: State, grid: Grid) -> Any:

@@ -340,10 +340,6 @@ class World:
             self.backend.recall(snapshot.own)
             self.episode.state = self.backend.state
 
-    def _make(self, arguments: dict[str, Any]) -> None:
-        """Build it again from its arguments."""
-        World.__init__(self, **arguments)
-
     def __getstate__(self) -> dict[str, Any]:
         """What makes it again, since a backend need not know how to copy itself: arguments and state."""
         named = {name: BACKENDS[name] for name in set(self.backends) if name in BACKENDS}
@@ -359,7 +355,7 @@ class World:
         for name, factory in saved["factories"].items():
             if name not in BACKENDS:
                 register_backend(name, factory)
-        self._make(saved["arguments"])
+        type(self).__init__(self, **saved["arguments"])
         if saved["state"] is not None:
             self.set_state(saved["state"])
             self.episode.action, self.controls = saved["last"]

@@ -3,6 +3,8 @@
 Fields are ``(B, 3, H, W)``, vertices int32 numbers into the flat grid; NumPy arrays, or tensors of one device.
 """
 
+from math import log
+
 import numpy as np
 from array_api_compat import array_namespace
 
@@ -17,7 +19,7 @@ def tolerance(error: np.ndarray, margin: float, least: float = 0.0, /) -> np.nda
     """
     xp = array_namespace(error)
     squares = xp.square(xp.astype(error, xp.float64) / margin)
-    return least + (1.0 - least) * 0.1 ** (squares if squares.ndim == 1 else squares.sum(1))
+    return least + (1.0 - least) * xp.exp(log(0.1) * (squares if squares.ndim == 1 else squares.sum(1)))
 
 
 @compiled  # 3 us

@@ -1,7 +1,7 @@
 """What every scene file fills in: a Task maps actions to controls and states to rewards, batched."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from inspect import cleandoc
 from typing import Any, ClassVar
@@ -62,7 +62,11 @@ class Episode:
 
 
 class Task(ABC):
-    """One scene's task. Every method takes and returns batches, so single and vector environments agree bit for bit."""
+    """One scene's task. Every method takes and returns batches, so single and vector environments agree bit for bit.
+
+    Batches are NumPy arrays, or tensors where an environment lives on a device: of a copy of the task, then, whose own
+    arrays are tensors there.
+    """
 
     size: ClassVar[tuple[float, float]]  # rest height and width [m]
     resolution: ClassVar[tuple[int, int]]  # default rows and columns
@@ -103,17 +107,16 @@ class Task(ABC):
         raise NotImplementedError(f"{cls.__name__} says how its options {', '.join(options)} change it")
 
     def __init_subclass__(cls) -> None:
-        """A ``start`` of one's own comes in the place of an inherited ``draw`` and ``lay``."""
-        if "start" in vars(cls) and "draw" not in vars(cls):
+        """What a class has of its own comes in the place of an inherited ``start``, or ``draw`` and ``lay``."""
+        own = vars(cls)
+        if "start" in own and "draw" not in own:
             cls.draw, cls.lay = Task.draw, Task.lay  # type: ignore[method-assign]
+        elif "start" not in own and ("draw" in own or "lay" in own):
+            cls.start = _one_of(cls)  # type: ignore[method-assign, assignment]
 
     def start(self, rng: np.random.Generator) -> Start:
         """A random start; draws only from ``rng``. A scene has this, or ``draw`` and ``lay``."""
-        if type(self).draw is Task.draw:
-            raise NotImplementedError(f"{type(self).__name__} needs a start, or draw and lay")
-        batch = self.lay(stacked([self.draw(rng)]))
-        memory = {name: values[0] for name, values in batch.memory.items()}
-        return Start(batch.positions[0], batch.velocities[0], batch.colliders[0], memory)
+        raise NotImplementedError(f"{type(self).__name__} needs a start, or draw and lay")
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
         """What is random of one start, numbers or arrays by name; draws only from ``rng``."""
@@ -181,6 +184,18 @@ class Task(ABC):
     @abstractmethod
     def reward(self, episode: Episode) -> np.ndarray:
         """``(B,)`` in [0, 1]."""
+
+
+def _one_of(task: type[Task]) -> Callable[[Task, np.random.Generator], Start]:
+    """The ``start`` that ``draw`` and ``lay`` of this very class make."""
+
+    def start(self: Task, rng: np.random.Generator) -> Start:
+        """A random start; draws only from ``rng``."""
+        batch = task.lay(self, stacked([task.draw(self, rng)]))
+        memory = {name: values[0] for name, values in batch.memory.items()}
+        return Start(batch.positions[0], batch.velocities[0], batch.colliders[0], memory)
+
+    return start
 
 
 def stacked(drawn: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from surrogates.cell.sheet import Force
 
 ENGINES = ("compiled", "torch")
+EMULATED = "emulated"  # a card whose threads take turns on this processor
 PARTICLES = "cnn_particles"  # the default weights of nets; those of a sheet are cnn_<scene>
 
 
@@ -53,7 +54,8 @@ def cnn(
         weights: a checkpoint's name; default ``"cnn_particles"`` or ``"cnn_<scene>"``.
         engine: ``"compiled"``, or ``"torch"``, through which gradients flow.
         device: ``"cpu"``, or ``"cuda"``: a sheet's compiled engine is then one kernel a frame for thousands of cloths,
-            without self-contact, and its state lies on the card; ``engine="torch"`` computes on any device of torch's.
+            without self-contact, and its state lies on the card (``"emulated"`` runs that kernel thread by thread on
+            this processor, slowly, to test it); ``engine="torch"`` computes on any device of torch's.
         forces: plugged in to the torch engine, ``f(positions, velocities) -> (B, 3, H, W)`` [N] in tensors.
 
     Raises:
@@ -103,5 +105,8 @@ def _on_card(scene: Scene, arrays: Mapping[str, np.ndarray], *, dtype: str, **op
         from surrogates.cell.engine import usable
     except ImportError as error:
         raise ImportError(missing(f"device={options['device']!r}", error)) from error
-    usable(options["device"])
+    if options["device"] == EMULATED:
+        options["device"] = "cpu"
+    else:
+        usable(options["device"])
     return CellCard(scene, factors_of(arrays), **options)

@@ -39,6 +39,7 @@ BENCHMARKS: dict[str, str] = {
     "peers": "training.bench.peers.run",
     "tables": "training.bench.papers.run",
     "throughput": "training.bench.throughput.run",
+    "gpu": "training.bench.gpu.run",
 }
 CODE = ("cloth_envs", "surrogates", "training", "CMakeLists.txt")  # what rows follow from
 

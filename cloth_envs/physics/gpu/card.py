@@ -71,7 +71,7 @@ class Card:
     def __init__(self, sheet: np.ndarray, device: "torch.device", *, simple: bool | None = None) -> None:
         self._device = device
         only = {True: "ONLY_SIMPLE", False: "ONLY_YIELDING", None: "ALL"}[simple]
-        self._kernel, self._plan, self._memory = _compiled(sheet.tobytes(), device, only)
+        self._kernel, self.plan, self._memory = _compiled(sheet.tobytes(), device, only)
 
     def run(self, fields: Sequence[int], members: int) -> None:
         import cupy
@@ -79,7 +79,7 @@ class Card:
 
         stream = torch.cuda.current_stream(self._device)
         with cupy.cuda.Device(self._device.index), cupy.cuda.ExternalStream(stream.cuda_stream, self._device.index):
-            self._kernel((members,), (self._plan.threads,), tuple(map(np.uint64, fields)), shared_mem=self._memory)
+            self._kernel((members,), (self.plan.threads,), tuple(map(np.uint64, fields)), shared_mem=self._memory)
 
 
 @lru_cache(maxsize=64)

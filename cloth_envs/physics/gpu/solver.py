@@ -69,7 +69,7 @@ class CardSolver:
         ]
         self._bodies = self._put(bodies_of(scene).view(np.uint8))
         self._state: State | None = None
-        self._runner: Runner | None = None
+        self.runner: Runner | None = None
         self._cloths = cloths_of(scene, self._cutter, [self.felt_as(scene.material)] * self.num_envs)
         self._told = self._put(self._cloths.view(np.uint8))
         self.last_cuts = torch.zeros((self.num_envs, 2), dtype=torch.int32, device=self.device)
@@ -112,9 +112,9 @@ class CardSolver:
             raise ValueError(f"the state holds {len(state.time)} cloths, expected {len(members)}")
         chosen = [self.scene.material] * len(members) if materials is None else list(materials)
         cloths = cloths_of(self._stepped, self._cutter, list(map(self.felt_as, chosen)))
-        if not np.array_equal(self._cloths[members], cloths) or self._runner is None:
+        if not np.array_equal(self._cloths[members], cloths) or self.runner is None:
             self._cloths[members] = cloths
-            self._told, self._runner = self._put(self._cloths.view(np.uint8)), self._choose()
+            self._told, self.runner = self._put(self._cloths.view(np.uint8)), self._choose()
         given = self._tensors(state)
         if which is None:
             self._state = State(**given)
@@ -151,8 +151,8 @@ class CardSolver:
             *(given[n] for n in ("colliders", "collider_velocities", "handle_positions", "handle_velocities")),
             *(given["wind"], given["pressure"], *self._constants, health, self.last_cuts),
         )
-        assert self._runner is not None
-        self._runner.run([tensor.data_ptr() for tensor in batch], self.num_envs)
+        assert self.runner is not None
+        self.runner.run([tensor.data_ptr() for tensor in batch], self.num_envs)
         bodies = (given["colliders"].float(), given["collider_velocities"].float())
         new = State(x, v, *bodies, given["wind"], given["pressure"], old.time + self.scene.frame_dt)
         new.health = health

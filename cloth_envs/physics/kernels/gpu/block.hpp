@@ -26,12 +26,16 @@ __attribute__((always_inline)) inline void for_own(const CardSheet& s, const Own
 }
 
 #if defined(__CUDACC_RTC__)
+// Nothing is read ahead of it, nor kept from before of what follows from a thread's place: both crowd registers.
+inline void in_order() { asm volatile("" ::: "memory"); }
+inline void anew(int& row, int& col) { asm volatile("" : "+r"(row), "+r"(col)); }
 template <int kStrip>
 struct Block {
   Own<kStrip>& own;
   int threads;
   template <class Phase>
   __forceinline__ void each(const Phase& phase) {
+    anew(own.row, own.col);
     phase(own);
     __syncthreads();
   }
@@ -48,14 +52,13 @@ inline void largest(int* at, float value) {
   if (threadIdx.x % 32 == 0) atomicMax(at, bits);
 }
 inline float as_float(int bits) { return __int_as_float(bits); }
-// Nothing is read ahead of it: what waits in registers would crowd out others.
-inline void in_order() { asm volatile("" ::: "memory"); }
 inline void add_up(float* sums, int number, float value) {
   for (int way = 16; way > 0; way /= 2) value += __shfl_xor_sync(0xffffffffu, value, way);
   if (number % 32 == 0) sums[number / 32] = value;
 }
 #else
 inline void in_order() {}
+inline void anew(int&, int&) {}
 template <int kStrip>
 struct Block {
   Own<kStrip>* own;

@@ -21,7 +21,7 @@ inline void begin_handle(const CardSheet& s, const CardBatch& b, const CardCloth
     const std::size_t i = std::size_t(3) * n * member + k * n + b.handles[lead];
     const double offset = end[3 * number + k] - end[3 * lead + k];
     const Cubic path = {b.x[i] + offset, b.v[i] * s.frame_dt, end[3 * number + k], end_v[3 * number + k] * s.frame_dt};
-    held.p0[k] = float(path.p0), held.v0[k] = float(path.v0);
+    held.p0[k] = float(path.p0), held.rest[k] = float(path.p0 - held.p0[k]), held.v0[k] = float(path.v0);
     held.c2[k] = float(path.c2), held.c3[k] = float(path.c3);
     const double rate = held.firm ? 0 : hold[k] * (double(m.stretch) / m.density);
     held.rate[k] = float(rate), held.share[k] = float(h * h * rate / (1 + h * h * rate));
@@ -30,26 +30,32 @@ inline void begin_handle(const CardSheet& s, const CardBatch& b, const CardCloth
 
 // Where it should be at t of the frame, from 0 to 1.
 inline void move_handle(const CardSheet& s, float t, Held& held) {
-  float place[3], speed[3];
+  float ahead[3], speed[3];
   const float rate = float(1 / s.frame_dt);
   for (int k = 0; k < 3; ++k) {
-    place[k] = held.p0[k] + t * (held.v0[k] + t * (held.c2[k] + t * held.c3[k]));
+    ahead[k] = held.rest[k] + t * (held.v0[k] + t * (held.c2[k] + t * held.c3[k]));
     speed[k] = rate * (held.v0[k] + t * (2 * held.c2[k] + t * 3 * held.c3[k]));
   }
-  held.place = {place[0], place[1], place[2]}, held.speed = {speed[0], speed[1], speed[2]};
+  held.ahead = {ahead[0], ahead[1], ahead[2]}, held.speed = {speed[0], speed[1], speed[2]};
+}
+
+// From x to where it should be.
+inline V3<float> way_of(const Held& held, const V3<float>& x) {
+  return (V3<float>{held.p0[0], held.p0[1], held.p0[2]} - x) + held.ahead;
 }
 
 // What a soft one's springs, when it is at x, change of its velocity in dt.
-inline V3<float> pulled(const Held& held, const V3<float>& x, const V3<float>& place, float dt) {
-  return {dt * held.rate[0] * (place.x - x.x), dt * held.rate[1] * (place.y - x.y), dt * held.rate[2] * (place.z - x.z)};
+inline V3<float> pulled(const Held& held, const V3<float>& x, float dt) {
+  const V3<float> way = way_of(held, x);
+  return {dt * held.rate[0] * way.x, dt * held.rate[1] * way.y, dt * held.rate[2] * way.z};
 }
 
 // At the end of a step of h, 0 at the frame's end: a firm one is put on its path, a soft one drawn there.
 inline void hold(const CardSheet& s, const Held& held, float h, V3<float>& x, V3<float>& v) {
   if (!s.soft || held.firm) {
-    x = held.place, v = held.speed;
+    x = V3<float>{held.p0[0], held.p0[1], held.p0[2]} + held.ahead, v = held.speed;
   } else if (h > 0) {
-    const V3<float> way = held.place - x;
+    const V3<float> way = way_of(held, x);
     const V3<float> drawn = {held.share[0] * way.x, held.share[1] * way.y, held.share[2] * way.z};
     x = x + drawn, v = v + (1 / h) * drawn;
   }

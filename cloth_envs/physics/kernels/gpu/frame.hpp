@@ -18,13 +18,13 @@ inline float middle(int first, int end, int count) {
 // The forces in the middle of the substeps from k on for which they are held, but for what `blow` adds. Velocities when
 // they were last computed wait where those of the frame's end will be.
 template <int kStrip>
-inline void slow_forces(const CardSheet& s, const CardCloth& m, const Shared& shared, const Weather& weather, int k,
-                        const int (&cut)[2], float h, float* past, Block<kStrip>& block) {
+__attribute__((always_inline)) inline void slow_forces(const CardSheet& s, const Shared& shared, int k, const int (&cut)[2], float h, float* past,
+                        Block<kStrip>& block) {
   const int count = cut[0], held = cut[1];
   const float steps = middle(k, k + held < count + 1 ? k + held : count + 1, count), later = h * steps;
   const float since = k > held ? float(held) : float(held) - 0.5f, trend = k ? (steps + 0.5f) / since : 0.0f;
-  block.each([&](Own<kStrip>& own) {
-    for_own(s, own, [&](int j, int i) {
+  block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
+    for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
       const int n = s.rows * s.cols;
       const V3<float> v = own.v[j];
       V3<float> then = v;
@@ -33,7 +33,7 @@ inline void slow_forces(const CardSheet& s, const CardCloth& m, const Shared& sh
       if (s.air) past[i] = v.x, past[n + i] = v.y, past[2 * n + i] = v.z;
     });
   });
-  block.each([&](Own<kStrip>& own) { bend_strip(s, m, shared, weather, own); });
+  block.each([&](Own<kStrip>& own) __attribute__((always_inline)) { bend_strip(s, shared, own); });
 }
 
 // A cloth as it was at the frame's start.
@@ -41,7 +41,7 @@ template <int kStrip>
 __attribute__((always_inline)) inline void get(const CardSheet& s, const CardBatch& batch, int member,
                                                Own<kStrip>& own) {
   const int n = s.rows * s.cols;
-  for_own(s, own, [&](int j, int vertex) {
+  for_own(s, own, [&](int j, int vertex) __attribute__((always_inline)) {
     const float* const x = batch.x + std::size_t(3) * n * member + vertex;
     const float* const v = batch.v + std::size_t(3) * n * member + vertex;
     own.x[j] = {x[0], x[n], x[2 * n]}, own.v[j] = {v[0], v[n], v[2 * n]};
@@ -49,54 +49,53 @@ __attribute__((always_inline)) inline void get(const CardSheet& s, const CardBat
 }
 
 template <bool kSimple, int kStrip>
-inline void run(const CardSheet& s, const CardBatch& batch, const CardCloth& m, int member, const int (&cut)[2],
-                const Shared& shared, Block<kStrip>& block) {
+__attribute__((always_inline)) inline void run(const CardSheet& s, const CardBatch& batch, int member, const int (&cut)[2], const Shared& shared,
+                Block<kStrip>& block) {
+  const CardCloth& m = *shared.cloth;
   const int count = cut[0], held = cut[1];
   const double length = s.frame_dt / count;
   const float h = float(length);
   const float over_count = 1.0f / float(count);
-  const Weather weather(s, batch.wind + 3 * std::size_t(member), batch.pressure[member]);
   float* const past = batch.v_out + std::size_t(3) * s.rows * s.cols * member;
   const bool forces = s.bends || s.air || s.pressure;
-  block.each([&](Own<kStrip>& own) {
+  block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
     get(s, batch, member, own);
-    for_own(s, own, [&](int, int i) { shared.put_force(s, i, {0, 0, 0}); });
+    for_own(s, own, [&](int, int i) __attribute__((always_inline)) { shared.put_force(s, i, {0, 0, 0}); });
     if (own.number < 2) shared.kicks[own.number] = kick_of(s, m, length / (2 - own.number));
     for (int i = own.number; i < s.handles; i += block.threads)
-      begin_handle(s, batch, m, member, i, length, shared.held[i]);
+      begin_handle(s, batch, m, member, i, length, shared.held[i]), move_handle(s, 0, shared.held[i]);
     for (int i = own.number; i < s.bodies; i += block.threads) begin_body(s, batch, member, i, shared.driven[i]);
   });
   for (int k = 0; k <= count; ++k) {
     const bool last = k == count, anew = forces && k % held == 0;
-    if (anew) slow_forces(s, m, shared, weather, k, cut, h, past, block);
+    if (anew) slow_forces(s, shared, k, cut, h, past, block);
     if (anew || k == 0)
-      block.each([&](Own<kStrip>& own) {
+      block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
         if (anew && (s.air || s.pressure) && own.row < s.rows) blow_strip(s, shared, own);
-        for_own(s, own, [&](int j, int i) {
+        for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
           shared.put(s, i, own.x[j], own.x[j] + m.damping * own.v[j]);
           if (!s.soft || k || !(own.held >> j & 1)) return;  // the first step draws soft handles for a whole one
-          const Held& held = shared.held[batch.handle_of[i]];
-          own.v[j] = own.v[j] + pulled(held, own.x[j], {held.p0[0], held.p0[1], held.p0[2]}, -h / 2);
+          own.v[j] = own.v[j] + pulled(shared.handle(s, i), own.x[j], -h / 2);
         });
       });
     const float dt = last ? h / 2 : h;
-    block.each([&](Own<kStrip>& own) {
-      kick_strip<kSimple>(s, m, shared, shared.kicks[k && !last], own);
+    block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
+      kick_strip<kSimple>(s, shared, shared.kicks[k && !last], own);
       const float t = float(last ? count : k + 1) * over_count;
       for (int i = own.number; i < s.handles; i += block.threads) move_handle(s, t, shared.held[i]);
       for (int i = own.number; i < s.bodies; i += block.threads)
         move_body((k + (last ? 0.5 : 1)) / count, dt, shared.driven[i]);
     });
-    block.each([&](Own<kStrip>& own) {
-      for_own(s, own, [&](int j, int i) {
+    block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
+      for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
         const V3<float> start = own.x[j];
         V3<float> x = start + dt * own.v[j];
         keep_out(s, shared, start, x, own.v[j]);
         if (!last) own.x[j] = x;
         if (s.handles && own.held >> j & 1) {
-          const Held& held = shared.held[batch.handle_of[i]];
+          const Held& held = shared.handle(s, i);
           hold(s, held, last ? 0.0f : h, own.x[j], own.v[j]);
-          if (s.soft && last) own.v[j] = own.v[j] + pulled(held, own.x[j], held.place, h / 2);
+          if (s.soft && last) own.v[j] = own.v[j] + pulled(held, own.x[j], h / 2);
         }
         shared.put(s, i, own.x[j], own.x[j] + m.damping * own.v[j]);
       });
@@ -106,14 +105,20 @@ inline void run(const CardSheet& s, const CardBatch& batch, const CardCloth& m, 
 
 // From the batch's start to its end. A frame is stepped again where its end is found to need shorter steps.
 template <int kStrip>
-void frame(const CardSheet& s, const CardBatch& batch, int member, const Shared& shared, Block<kStrip>& block) {
-  const CardCloth& m = batch.cloths[member];
+__attribute__((always_inline)) inline void frame(const CardSheet& s, const CardBatch& batch, int member, const Shared& shared, Block<kStrip>& block) {
+  const CardCloth& m = *shared.cloth;
   const int n = s.rows * s.cols;
   const std::size_t first = std::size_t(3) * n * member;
-  block.each([&](Own<kStrip>& own) {
+  block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
     get(s, batch, member, own);
     own.held = 0;
-    for_own(s, own, [&](int j, int i) { own.held |= (s.handles && batch.handle_of[i] >= 0) << j; });
+    for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
+      const int handle = s.handles ? batch.handle_of[i] : -1;
+      if (handle >= 0) shared.put_handle(s, i, handle), own.held |= 1 << j;
+    });
+    if (own.number) return;
+    *shared.cloth = batch.cloths[member];
+    *shared.weather = weather_of(s, batch.wind + 3 * std::size_t(member), batch.pressure[member]);
   });
   const Sound before = look(s, shared, block);
   double speed = before.speed;
@@ -133,10 +138,10 @@ void frame(const CardSheet& s, const CardBatch& batch, int member, const Shared&
   for (;;) {
     cut_for(s, m, level, speed, (p < 0 ? -p : p) * stretch, cut);
 #if !defined(MINICLOTH_ONLY_YIELDING)
-    if (m.simple) run<true>(s, batch, m, member, cut, shared, block);
+    if (m.simple) run<true>(s, batch, member, cut, shared, block);
 #endif
 #if !defined(MINICLOTH_ONLY_SIMPLE)
-    if (!m.simple) run<false>(s, batch, m, member, cut, shared, block);
+    if (!m.simple) run<false>(s, batch, member, cut, shared, block);
 #endif
     after = look(s, shared, block);
     const int end = !after.finite && before.finite ? kLevels - 1 : level_of(s, m, after);
@@ -147,8 +152,8 @@ void frame(const CardSheet& s, const CardBatch& batch, int member, const Shared&
     if (next[0] == cut[0] && next[1] == cut[1]) break;
   }
   const float energy = kinetic(s, shared, block);
-  block.each([&](Own<kStrip>& own) {
-    for_own(s, own, [&](int j, int vertex) {
+  block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
+    for_own(s, own, [&](int j, int vertex) __attribute__((always_inline)) {
       const std::size_t i = first + vertex;
       batch.x_out[i] = own.x[j].x, batch.x_out[i + n] = own.x[j].y, batch.x_out[i + 2 * n] = own.x[j].z;
       batch.v_out[i] = own.v[j].x, batch.v_out[i + n] = own.v[j].y, batch.v_out[i + 2 * n] = own.v[j].z;

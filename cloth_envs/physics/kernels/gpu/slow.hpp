@@ -8,17 +8,13 @@ namespace minicloth {
 namespace LANES {
 namespace {
 
-// What the air and a pressure are in a frame, as AirTerms of air.hpp.
-struct Weather {
-  float normal, lift, tangential, pressure;
-  V3<float> wind;  // four times it
-  Weather(const CardSheet& s, const double* w, double p)
-      : normal(float(s.air_normal / 256)),
-        lift(float(s.air_lift / 256)),
-        tangential(float(s.air_tangential / 256)),
-        pressure(float(s.pressure ? p / 12 : 0.0)),
-        wind{float(4 * w[0]), float(4 * w[1]), float(4 * w[2])} {}
-};
+inline Weather weather_of(const CardSheet& s, const double* wind, double pressure) {
+  return {float(s.air_normal / 256),
+          float(s.air_lift / 256),
+          float(s.air_tangential / 256),
+          float(s.pressure ? pressure / 12 : 0.0),
+          {float(4 * wind[0]), float(4 * wind[1]), float(4 * wind[2])}};
+}
 
 // What all corners of a cell feel alike: of the air, and of pressure p / 12 times twice the cell's area.
 inline Cell on_cell(const CardSheet& s, const Weather& w, const Point& upper_left, const Point& upper_right,
@@ -38,8 +34,10 @@ inline Cell on_cell(const CardSheet& s, const Weather& w, const Point& upper_lef
 // second differences along rows and columns and mixed ones of cells; and the cells of which they are the upper left
 // corner.
 template <int kStrip>
-__attribute__((always_inline)) inline void bend_strip(const CardSheet& s, const CardCloth& m, const Shared& shared,
-                                                      const Weather& w, Own<kStrip>& own) {
+__attribute__((always_inline)) inline void bend_strip(const CardSheet& s, const Shared& shared,
+                                                      Own<kStrip>& own) {
+  const CardCloth& m = *shared.cloth;
+  const Weather& w = *shared.weather;
   if (own.row >= s.rows) return;
   const double a = s.row_length, b = s.col_length;
   const int rows = s.rows, cols = s.cols, c = own.col, n = rows * cols;
@@ -119,7 +117,7 @@ __attribute__((always_inline)) inline void blow_strip(const CardSheet& s, const 
     return Cell{one.to + other.to, one.over + other.over};
   };
   Cell above = both(own.row > 0 ? own.row - 1 : s.rows - 1);  // in the last row there are none
-  for_own(s, own, [&](int j, int i) {
+  for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
     const Cell below = both(own.row + j);
     const V3<float> v = {shared.field[i].b, shared.field[n + i].b, shared.field[2 * n + i].b};
     const V3<float> force = (above.to + below.to) - (above.over + below.over) * v;

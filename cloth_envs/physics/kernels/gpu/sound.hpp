@@ -36,17 +36,17 @@ struct Sound {
 
 // Of positions and velocities, which are in shared memory as `a` and `b` then.
 template <int kStrip>
-Sound look(const CardSheet& s, const Shared& shared, Block<kStrip>& block) {
-  block.each([&](Own<kStrip>& own) {
+__attribute__((always_inline)) inline Sound look(const CardSheet& s, const Shared& shared, Block<kStrip>& block) {
+  block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
     if (own.number == 0)
       for (int k = 0; k < Shared::kSums; ++k) shared.slots[k % kSlots] = 0, shared.sums[k] = 0;
-    for_own(s, own, [&](int j, int i) { shared.put(s, i, own.x[j], own.v[j]); });
+    for_own(s, own, [&](int j, int i) __attribute__((always_inline)) { shared.put(s, i, own.x[j], own.v[j]); });
   });
-  block.each([&](Own<kStrip>& own) {
+  block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
     const float over_row = float(1 / (s.row_length * s.row_length)), over_col = float(1 / (s.col_length * s.col_length));
     float shear = 0, apart = 0, bad = 0, longest = 0, speed = 0;
     const auto most = [](float& found, float value) { found = value > found ? value : found; };
-    for_own(s, own, [&](int j, int i) {
+    for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
       const int r = own.row + j, c = own.col;
       const V3<float> at = own.x[j], v = own.v[j];
       const float none = 0 * (at.x + at.y + at.z + v.x + v.y + v.z);
@@ -98,10 +98,10 @@ inline void cut_for(const CardSheet& s, const CardCloth& m, int level, double sp
 
 // The kinetic energy over the mass, vertices weighted alike [J/kg]; after look.
 template <int kStrip>
-float kinetic(const CardSheet& s, const Shared& shared, Block<kStrip>& block) {
-  block.each([&](Own<kStrip>& own) {
+__attribute__((always_inline)) inline float kinetic(const CardSheet& s, const Shared& shared, Block<kStrip>& block) {
+  block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
     float sum = 0;
-    for_own(s, own, [&](int j, int) { sum += dot(own.v[j], own.v[j]); });
+    for_own(s, own, [&](int j, int) __attribute__((always_inline)) { sum += dot(own.v[j], own.v[j]); });
     add_up(shared.sums, own.number, sum);
   });
   float all = 0;

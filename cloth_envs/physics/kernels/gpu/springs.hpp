@@ -41,8 +41,9 @@ struct Sum {
 // change velocities. Row by row the neighbours to the left and right are read once, for the vertices above, beside and
 // below. Nothing branches: an edge that is not there pulls with 0, and vertices below the last row are nobody's.
 template <bool kSimple, int kStrip>
-__attribute__((always_inline)) inline void kick_strip(const CardSheet& s, const CardCloth& m, const Shared& shared,
-                                                      const Kick& kick, Own<kStrip>& own) {
+__attribute__((always_inline)) inline void kick_strip(const CardSheet& s, const Shared& shared, const Kick& kick,
+                                                      Own<kStrip>& own) {
+  const CardCloth& m = *shared.cloth;
   const double a = s.row_length, b = s.col_length;
   const int c = own.col, cols = s.cols;
   const bool has_left = c > 0 || s.periodic, has_right = c < cols - 1 || s.periodic;
