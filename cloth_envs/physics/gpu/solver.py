@@ -27,6 +27,7 @@ class CardSolver:
 
     Args:
         scene: a sheet. num_envs: members of the batch.
+        held: for how many substeps slow forces are held, at most; see ``ExplicitSolver``.
         device: a card, ``"cuda"`` or ``"cuda:1"``; ``"cpu"`` emulates it thread by thread, slowly, to test it.
         emulated: options of ``Emulated``.
 
@@ -42,7 +43,13 @@ class CardSolver:
     self_contact: ClassVar[bool] = False
 
     def __init__(
-        self, scene: Scene, *, num_envs: int = 1, device: str | torch.device = "cuda", **emulated: Any
+        self,
+        scene: Scene,
+        *,
+        num_envs: int = 1,
+        held: int | None = None,
+        device: str | torch.device = "cuda",
+        **emulated: Any,
     ) -> None:
         if scene.particles is not None:
             raise ValueError("a net of particles is not stepped on a card: leave device out")
@@ -51,7 +58,7 @@ class CardSolver:
         self.device = torch.device(device)
         if self.device.type == "cuda" and self.device.index is None:
             self.device = torch.device("cuda", torch.cuda.current_device())
-        self._emulated, self._cutter = emulated, FrameCuts(scene)
+        self._emulated, self._cutter = emulated, FrameCuts(scene, held=held)
         number = np.full(scene.grid.vertices, -1, np.int32)
         number[list(scene.handles)] = np.arange(len(scene.handles))
         self._constants = [
