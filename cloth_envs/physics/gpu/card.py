@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 ENTRY = "minicloth_frame"
 MOST_THREADS, WARP, REGISTERS = 1024, 32, 65536  # of a block; of a multiprocessor
-SMALL, ENOUGH = 512, 96  # vertices up to which threads have one; registers of a thread
+SMALL, LONGEST = 512, 16  # vertices of a sheet, of a thread
 OPTIONS = ("--std=c++17", "-default-device", "--ftz=true", "--prec-div=false", "--prec-sqrt=false")
 PRELUDE = "#define LANES card\n#define MINICLOTH_SCALAR\nnamespace std { using size_t = decltype(sizeof(0)); }\n"
 
@@ -45,19 +45,23 @@ class Plan(NamedTuple):
 
 
 def plan(rows: int, cols: int, memory: int, most_memory: int) -> Plan:
-    """Few threads are idle at the columns' ends, and four vertices a thread share most of what they load.
+    """What was fastest of what was tried on an H200 with sheets of 9 x 13 to 65 x 65 vertices (docs/networks.md).
 
-    ``memory`` [bytes] a block needs of the ``most_memory`` that those of a multiprocessor share.
+    As few vertices a thread as leave it 170 registers where one block's ``memory`` [bytes] is most of the
+    ``most_memory`` that a multiprocessor's blocks share, or 128 where two fit; a vertex a thread of a small sheet.
     """
 
     def threads(strip: int) -> int:
         return -(-(-(-rows // strip) * cols) // WARP) * WARP
 
-    strips = [s for s in range(1, rows + 1) if threads(s) <= MOST_THREADS]
-    wanted = 4 if rows * cols > SMALL else 1
-    strip = min(strips, key=lambda s: (threads(s) * s / (rows * cols) + 0.05 * abs(s - wanted), s))
-    blocks = min(most_memory // memory, REGISTERS // (ENOUGH * threads(strip)))
-    return Plan(strip, threads(strip), max(1, blocks))
+    strips = [s for s in range(1, rows + 1) if threads(s) <= MOST_THREADS] or [rows]
+    if rows * cols <= SMALL:
+        strip = min(strips, key=lambda s: (threads(s) * s / (rows * cols) + 0.05 * (s - 1), s))
+        return Plan(strip, threads(strip), max(1, REGISTERS // ((72 if threads(strip) <= 128 else 96) * threads(strip))))
+    blocks, most = (2, 256) if 2 * memory <= most_memory else (1, 384)
+    some = [s for s in strips if s <= LONGEST] or strips[:1]
+    strip = next((s for s in some if threads(s) <= most), some[-1])
+    return Plan(strip, threads(strip), blocks if threads(strip) <= most else 1)
 
 
 class Card:

@@ -80,7 +80,7 @@ def fast(session: Session, scene: str, label: str, options: Mapping[str, Any], m
 
 def learn(session: Session, scene: str, device: str) -> None:
     """PPO on the card."""
-    players, frames = (4, 4) if session.quick else (PLAYERS, EPISODE_FRAMES)
+    players, frames = (4, 4) if session.quick else (PLAYERS, EPISODE_FRAMES[scene])
     recipe = Recipe(updates=2, epochs=1) if session.quick else RECIPE
     env = ClothVectorEnv(scene, num_envs=players, backend="cnn", backend_kwargs={"device": device})
     store, start, name = session.store("gpu_learning"), perf_counter(), str(env.world.device)
