@@ -45,10 +45,10 @@ class Moment(NamedTuple):
     def of(cls, coarse: State, handles: Sequence[Tensor], biases: list[Tensor]) -> "Moment":
         """From a state in tensors, and positions and velocities of the fine handles, ``(B, N, 3)``."""
         there: Any = coarse.positions, coarse.velocities, coarse.colliders, coarse.collider_velocities
-        cloth = (field.flatten(2).permute(1, 2, 0).contiguous() for field in there[:2])
-        driven = (field.float().permute(2, 1, 0).contiguous() for field in handles)
-        bodies = (field.permute(1, 2, 3, 0).contiguous() for field in there[2:])
-        return cls(*cloth, *driven, *bodies, biases)
+        x, v = (field.flatten(2).permute(1, 2, 0).contiguous() for field in there[:2])
+        driven, driving = (field.float().permute(2, 1, 0).contiguous() for field in handles)
+        bodies, moving = (field.permute(1, 2, 3, 0).contiguous() for field in there[2:])
+        return cls(x, v, driven, driving, bodies, moving, biases)
 
 
 class Places:
