@@ -82,7 +82,8 @@ class Places:
         if isinstance(upscaling, Local):
             said = csr_array(kept @ nodes(upscaling))
             wanted = np.unique(said.indices)
-            self._net, self._nodes = CellNet(upscaling, wanted, device), Product(csr_array(said[:, wanted]), device)
+            self._nodes = Product(csr_array(said[:, wanted]), device)
+            self._net = CellNet(upscaling, wanted, device) if len(wanted) else None
 
     def __call__(self, now: Moment) -> tuple[Tensor, Tensor]:
         """Positions [m] and velocities [m/s], ``(B, 3, K)``."""
