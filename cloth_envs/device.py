@@ -1,7 +1,7 @@
 """The batched engine with everything on the device of its backend: ``World`` in torch."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -82,7 +82,9 @@ class DeviceWorld(World):
 
     def _begin(self) -> None:
         """Lay out what stays where it is: all that ``_driven`` and ``_judged`` read."""
-        state = self.episode.state
+        state: Any = self.episode.state
+        partial = hasattr(state, "at") and self.task.watched is not None and not isinstance(self.observer.space, spaces.Dict)
+        self._watched = (self.task.watched, to_device(self.task.watched, self.device)) if partial else None
         self._given: Any = torch.zeros(self.episode.action.shape, dtype=torch.float64, device=self.device)
         action: Any = self._given.clone()
         self.episode.action = action
@@ -95,11 +97,23 @@ class DeviceWorld(World):
 
     @torch.no_grad()
     def _look(self, members: Tensor | slice = slice(None)) -> None:
-        """Copy the present state, or that of some members, to where the task sees it."""
-        state = selected(self.episode.state, members)
-        for name, value in state.arrays().items():
-            getattr(self._seen, name)[members] = value
-        self._health[members] = health_of(state, self.scene.grid)
+        """Copy the present state, or that of some members, to where the task sees it.
+
+        Of a cloth that is computed when it is read only what the task watches, if that is told.
+        """
+        state: Any = self.episode.state
+        for name in [field.name for field in fields(State)]:
+            if self._watched is None or name not in ("positions", "velocities"):
+                getattr(self._seen, name)[members] = getattr(state, name)[members]
+        if self._watched is not None:
+            vertices, index = self._watched
+            for name, value in zip(("positions", "velocities"), state.at(vertices), strict=True):
+                seen = getattr(self._seen, name).flatten(2)
+                if isinstance(members, slice):
+                    seen.index_copy_(2, index, value)
+                else:
+                    seen[members] = seen[members].index_copy_(2, index, value[members])
+        self._health[members] = health_of(state, self.scene.grid)[members]
         self._observed: Any = None
 
     def _as_seen(self) -> Episode:

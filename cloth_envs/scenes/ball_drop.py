@@ -71,6 +71,7 @@ class BallDrop(Task):
         self.level = np.stack(np.meshgrid(u, v))
         self.bodies = np.array([[[0.0, 0.0, CENTRE]] * 2, [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
         self.drive = Drive([-REACH] * 2, [REACH] * 2, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
+        self.watch()
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:

@@ -79,6 +79,7 @@ class Collision(Task):
         self.free_strain = FREE_STRAIN
         self.hung = pleats(scene.grid, WAVES, HUNG, 1.0)
         self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
+        self.watch()
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:

@@ -74,6 +74,7 @@ class Curtain(Task):
         self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
         edges = self.keypoints.reshape(self.lattice)
         self.first, self.last = edges[:, 0].copy(), edges[:, -1].copy()
+        self.watch()
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:

@@ -67,6 +67,7 @@ class Flag(Task):
         self.area = scene.grid.height * scene.grid.width
         self.along = np.linspace(0.0, scene.grid.width, scene.grid.cols)
         self.down = -np.linspace(0.0, scene.grid.height, scene.grid.rows)
+        self.watch(self.border)
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:

@@ -75,6 +75,7 @@ class Hanging(Task):
         v, u = (np.linspace(0.0, s, n) for n, s in zip(scene.grid.shape, self.size, strict=True))
         u, v = np.meshgrid(u, v)
         self.polar = np.stack([np.hypot(u, v), np.arctan2(v, u) - np.pi / 4])  # of each vertex about the corner
+        self.watch()
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:

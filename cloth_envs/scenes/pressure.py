@@ -64,6 +64,7 @@ class Pressure(Task):
         self.level = np.stack(np.meshgrid((u - 0.5) * scene.grid.width, (0.5 - v) * scene.grid.height))
         self.dome = np.outer(np.sin(np.pi * v), np.sin(np.pi * u))
         self.apex = scene.grid.index(scene.grid.rows // 2, scene.grid.cols // 2)
+        self.watch(self.apex)
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:

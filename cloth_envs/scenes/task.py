@@ -80,6 +80,7 @@ class Task(ABC):
     drive: drives.Drive  # what the action moves, in scenes where it moves something
     options: ClassVar[Mapping[str, float]] = {}  # numbers that a preset lets its user change (``with_options``)
     fixed: ClassVar[tuple[str, ...]] = ()  # what a preset leaves no choice of
+    watched: np.ndarray | None = None  # the vertices that the task reads, but for whole meshes; None: maybe all
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
@@ -87,6 +88,12 @@ class Task(ABC):
         self.handles = np.array(scene.handles, dtype=np.int32)
         self.leads = self.handles[scene.holding.lead]  # the vertex that each handle moves with
         self.led = bool((self.leads != self.handles).any())  # whether one moves with another
+
+    def watch(self, *more: np.ndarray | int) -> None:
+        """Say that the task reads keypoints, handles and ``more`` vertices only; of classes from outside that is open."""
+        if type(self).__module__.split(".")[0] == __name__.split(".")[0]:
+            parts = self.keypoints, self.handles, *map(np.atleast_1d, more)
+            self.watched = np.unique(np.concatenate(parts)).astype(np.int64)
 
     def __repr__(self) -> str:
         return f"<Task {type(self).__name__} {self.scene.grid}, actions {', '.join(self.actions)}>"

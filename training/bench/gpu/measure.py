@@ -81,16 +81,18 @@ def timed(env: ClothVectorEnv, seconds: float) -> tuple[float, float, int]:
 
 def shares(backend: Any, members: int, seconds: float) -> tuple[float, float, float]:
     """Mean substeps, and of the FP32 and shared-memory peaks of a frame that took ``seconds``; NaN elsewhere."""
+    backend = getattr(backend, "solver", backend)
     if not isinstance(backend, CardSolver):
-        return float(np.mean(getattr(backend, "last_cuts", np.full((1, 2), np.nan))[:, 0])), float("nan"), float("nan")
-    cuts = backend.last_cuts.double().mean(0).tolist()
+        cuts = getattr(backend, "last_cuts", np.full((1, 2), np.nan))
+        return float(np.mean(cuts[:, 0])), float("nan"), float("nan")
+    found = backend.last_cuts.double().mean(0).tolist()
     if not isinstance(backend.runner, Card):
-        return cuts[0], float("nan"), float("nan")
+        return found[0], float("nan"), float("nan")
     told = torch.cuda.get_device_properties(backend.device)
     clocks = told.multi_processor_count * LANES * 1e3 * told.clock_rate * seconds
-    done = members * backend.scene.grid.vertices * cuts[0]
-    moved = shared_bytes(backend.scene, cuts[1], backend.runner.plan.strip)
-    return cuts[0], done * operations(backend.scene, cuts[1]) / (2 * clocks), done * moved / clocks
+    done = members * backend.scene.grid.vertices * found[0]
+    moved = shared_bytes(backend.scene, found[1], backend.runner.plan.strip)
+    return found[0], done * operations(backend.scene, found[1]) / (2 * clocks), done * moved / clocks
 
 
 def speed(

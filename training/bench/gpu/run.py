@@ -1,10 +1,13 @@
 """``minicloth bench gpu``: environments on a graphics card, beside the processor's cores in the same call."""
 
 import argparse
+from collections.abc import Mapping, Sequence
 from time import perf_counter
+from typing import Any
 
 from cloth_envs.registry import EPISODE_FRAMES
 from cloth_envs.vector_env import ClothVectorEnv
+from surrogates.cell.backend import EMULATED
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.gpu.beside import equal, sound
 from training.bench.gpu.chart import STEM, draw
@@ -22,9 +25,14 @@ from training.bench.gpu.rows import (
 from training.bench.transfer.ppo import Recipe, train
 
 MEMBERS, MOST = (64, 256, 1024, 4096, 16384), 32  # on a card; of the processor
-SOUND = {"members": 4096, "steps": 1_700_000}  # of each of six scenes
-LEARNING = ("Flag", "Curtain")
-RECIPE, PLAYERS = Recipe(updates=40, epochs=4, minibatch=8192, rate=2e-3), 1024
+SECONDS = 0.5  # of each timing
+BACKENDS: dict[str, dict[str, Any]] = {
+    "cnn": {"backend": "cnn"},
+    "miniature x4": {"backend": "miniature", "backend_kwargs": {"factor": 4}},
+}
+SOUND, SHARE = {"members": 4096, "steps": 500_000}, {"Flag": 10, "Collision": 6}  # times as many of cheap scenes
+LEARNING = ("Flag",)
+RECIPE, PLAYERS = Recipe(updates=30, epochs=4, minibatch=8192, rate=2e-3), 1024
 SEED = 6000
 
 
@@ -39,27 +47,35 @@ def measure(session: Session) -> None:
     """What ``--only`` names, of all scenes; rows that are there are kept."""
     device, quick, wanted = session.given.device, session.quick, session.given.only.split(",")
     members = session.given.members or (MEMBERS[:1] if quick else MEMBERS)
-    seconds = 0.2 if quick else 1.0
-    card = {"backend": "cnn", "backend_kwargs": {"device": device}}
     session.about |= {"threads": cores(), "device": device}
     if "speed" in wanted:
-        store = session.store("gpu")
         for scene in session.scenes:
-            for count in members:
-                store.add(speed(scene, "cnn", card, count, seconds=seconds))
-            for threads in dict.fromkeys((1, cores())):
-                here = {"backend": "cnn", "self_contact": False}
-                store.add(speed(scene, "cnn", here, 8 if quick else MOST, seconds=seconds, threads=threads))
+            for label, options in BACKENDS.items():
+                fast(session, scene, label, options, members)
     if "equal" in wanted:
         for scene in session.scenes:
             count, frames = (2, 6) if quick else (32, 100)
             session.store("gpu_equal").add(equal(scene, device, count, seed=SEED, episode=frames))
     if "sound" in wanted:
         for scene in session.scenes:
-            given = {"members": 2, "steps": 8} if quick else SOUND
+            given = {"members": 2, "steps": 8} if quick else {**SOUND, "steps": SOUND["steps"] * SHARE.get(scene, 1)}
             session.store("gpu_sound").add(sound(scene, device, **given, seed=SEED + 1))
     for scene in [name for name in LEARNING if "learn" in wanted and name in session.scenes]:
         learn(session, scene, device)
+
+
+def fast(session: Session, scene: str, label: str, options: Mapping[str, Any], members: Sequence[int]) -> None:
+    """Rows of one backend on the card, and on a core and all cores of the processor."""
+    store, quick = session.store(STEM), session.quick
+    seconds, count = (0.2, 8) if quick else (SECONDS, MOST)
+    name, device = options["backend"], session.given.device
+    if name == "miniature" and device == EMULATED:
+        device = "cpu"
+    there = {"backend": name, "backend_kwargs": {**options.get("backend_kwargs", {}), "device": device}}
+    for number in members:
+        store.add(speed(scene, label, there, number, seconds=seconds))
+    for threads in dict.fromkeys((1, cores())):
+        store.add(speed(scene, label, {**options, "self_contact": False}, count, seconds=seconds, threads=threads))
 
 
 def learn(session: Session, scene: str, device: str) -> None:

@@ -17,15 +17,17 @@ inline void begin_handle(const CardSheet& s, const CardBatch& b, const CardCloth
   const double* const end_v = b.handle_v + std::size_t(3) * s.handles * member;
   held.firm = isinf(hold[0]);
   const int lead = held.firm ? number : b.lead[number];
+  float rest[3];
   for (int k = 0; k < 3; ++k) {
     const std::size_t i = std::size_t(3) * n * member + k * n + b.handles[lead];
     const double offset = end[3 * number + k] - end[3 * lead + k];
     const Cubic path = {b.x[i] + offset, b.v[i] * s.frame_dt, end[3 * number + k], end_v[3 * number + k] * s.frame_dt};
-    held.p0[k] = float(path.p0), held.rest[k] = float(path.p0 - held.p0[k]), held.v0[k] = float(path.v0);
+    held.p0[k] = float(path.p0), rest[k] = float(path.p0 - held.p0[k]), held.v0[k] = float(path.v0);
     held.c2[k] = float(path.c2), held.c3[k] = float(path.c3);
     const double rate = held.firm ? 0 : hold[k] * (double(m.stretch) / m.density);
     held.rate[k] = float(rate), held.share[k] = float(h * h * rate / (1 + h * h * rate));
   }
+  held.rest = {rest[0], rest[1], rest[2]};
 }
 
 // Where it should be at t of the frame, from 0 to 1.
@@ -33,20 +35,19 @@ inline void move_handle(const CardSheet& s, float t, Held& held) {
   float ahead[3], speed[3];
   const float rate = float(1 / s.frame_dt);
   for (int k = 0; k < 3; ++k) {
-    ahead[k] = held.rest[k] + t * (held.v0[k] + t * (held.c2[k] + t * held.c3[k]));
+    ahead[k] = t * (held.v0[k] + t * (held.c2[k] + t * held.c3[k]));
     speed[k] = rate * (held.v0[k] + t * (2 * held.c2[k] + t * 3 * held.c3[k]));
   }
-  held.ahead = {ahead[0], ahead[1], ahead[2]}, held.speed = {speed[0], speed[1], speed[2]};
+  held.ahead = held.rest + V3<float>{ahead[0], ahead[1], ahead[2]}, held.speed = {speed[0], speed[1], speed[2]};
 }
 
-// From x to where it should be.
-inline V3<float> way_of(const Held& held, const V3<float>& x) {
-  return (V3<float>{held.p0[0], held.p0[1], held.p0[2]} - x) + held.ahead;
+// From x to where it should be, `ahead` of p0.
+inline V3<float> way_of(const Held& held, const V3<float>& x, const V3<float>& ahead) {
+  return (V3<float>{held.p0[0], held.p0[1], held.p0[2]} - x) + ahead;
 }
 
-// What a soft one's springs, when it is at x, change of its velocity in dt.
-inline V3<float> pulled(const Held& held, const V3<float>& x, float dt) {
-  const V3<float> way = way_of(held, x);
+// What a soft one's springs, with that way to go, change of its velocity in dt.
+inline V3<float> pulled(const Held& held, const V3<float>& way, float dt) {
   return {dt * held.rate[0] * way.x, dt * held.rate[1] * way.y, dt * held.rate[2] * way.z};
 }
 
@@ -55,7 +56,7 @@ inline void hold(const CardSheet& s, const Held& held, float h, V3<float>& x, V3
   if (!s.soft || held.firm) {
     x = V3<float>{held.p0[0], held.p0[1], held.p0[2]} + held.ahead, v = held.speed;
   } else if (h > 0) {
-    const V3<float> way = way_of(held, x);
+    const V3<float> way = way_of(held, x, held.ahead);
     const V3<float> drawn = {held.share[0] * way.x, held.share[1] * way.y, held.share[2] * way.z};
     x = x + drawn, v = v + (1 / h) * drawn;
   }

@@ -63,7 +63,7 @@ __attribute__((always_inline)) inline void run(const CardSheet& s, const CardBat
     for_own(s, own, [&](int, int i) __attribute__((always_inline)) { shared.put_force(s, i, {0, 0, 0}); });
     if (own.number < 2) shared.kicks[own.number] = kick_of(s, m, length / (2 - own.number));
     for (int i = own.number; i < s.handles; i += block.threads)
-      begin_handle(s, batch, m, member, i, length, shared.held[i]), move_handle(s, 0, shared.held[i]);
+      begin_handle(s, batch, m, member, i, length, shared.held[i]);
     for (int i = own.number; i < s.bodies; i += block.threads) begin_body(s, batch, member, i, shared.driven[i]);
   });
   for (int k = 0; k <= count; ++k) {
@@ -72,11 +72,7 @@ __attribute__((always_inline)) inline void run(const CardSheet& s, const CardBat
     if (anew || k == 0)
       block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
         if (anew && (s.air || s.pressure) && own.row < s.rows) blow_strip(s, shared, own);
-        for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
-          shared.put(s, i, own.x[j], own.x[j] + m.damping * own.v[j]);
-          if (!s.soft || k || !(own.held >> j & 1)) return;  // the first step draws soft handles for a whole one
-          own.v[j] = own.v[j] + pulled(shared.handle(s, i), own.x[j], -h / 2);
-        });
+        for_own(s, own, [&](int j, int i) { shared.put(s, i, own.x[j], own.x[j] + m.damping * own.v[j]); });
       });
     const float dt = last ? h / 2 : h;
     block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
@@ -89,13 +85,17 @@ __attribute__((always_inline)) inline void run(const CardSheet& s, const CardBat
     block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
       for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
         const V3<float> start = own.x[j];
+        if (s.soft && k == 0 && own.held >> j & 1) {  // the first step draws soft handles for a whole one
+          const Held& held = shared.handle(s, i);
+          own.v[j] = own.v[j] + shared.kicks[0].decay * pulled(held, way_of(held, start, held.rest), -h / 2);
+        }
         V3<float> x = start + dt * own.v[j];
         keep_out(s, shared, start, x, own.v[j]);
         if (!last) own.x[j] = x;
         if (s.handles && own.held >> j & 1) {
           const Held& held = shared.handle(s, i);
           hold(s, held, last ? 0.0f : h, own.x[j], own.v[j]);
-          if (s.soft && last) own.v[j] = own.v[j] + pulled(held, own.x[j], h / 2);
+          if (s.soft && last) own.v[j] = own.v[j] + pulled(held, way_of(held, own.x[j], held.ahead), h / 2);
         }
         shared.put(s, i, own.x[j], own.x[j] + m.damping * own.v[j]);
       });

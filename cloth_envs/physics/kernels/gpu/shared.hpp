@@ -23,9 +23,9 @@ struct alignas(16) Cell {
 // A handle's path, from p0 + rest at v0 [per frame], its springs, and how far from p0 it should be at the end of the
 // step: what soft ones lack to their paths would drown in the rounding of places.
 struct Held {
-  float p0[3], rest[3], v0[3], c2[3], c3[3];
+  float p0[3], v0[3], c2[3], c3[3];
   float rate[3], share[3];  // 1/s^2, 0 of a firm one; of the way to its path what a soft one goes in a step
-  V3<float> ahead, speed;
+  V3<float> rest, ahead, speed;
   int firm;
 };
 
