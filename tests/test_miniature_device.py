@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from on_tensors import DEVICES
+from on_tensors import DEVICES, actions_of, assert_same, frail, made
 from test_upscale_twin import crumpled, network
 
 from cloth_envs.failure import find
@@ -27,7 +27,7 @@ from surrogates.upscale.protocol import INTERPOLATIONS, Upscaler, make_upscaler
 from surrogates.upscale.tensors import layer_biases
 
 EPS, CPU = float(np.finfo(np.float32).eps), torch.device("cpu")
-N = 2
+N, FRAMES = 2, 10
 PLAIN = {"mend": False, "guard": False}
 SHAPE = {"Curtain": (49, 33), "Flag": (17, 25), "Collision": (25, 17), "Pressure": (17, 17), "BallDrop": (17, 17)}
 ENDS = {
@@ -166,6 +166,12 @@ def test_some_vertices_are_those_of_the_whole_cloth_also_of_members_that_begin_a
         rng.uniform(0.18, 0.25)  # the density
         drawn = {name: np.asarray(value)[None] for name, value in start.draw(rng).items()}
         np.testing.assert_array_equal(now[i], start.lay(drawn).positions[0].astype(np.float32))
+    for which in ([1], [2, 0]):
+        some, every = inner(made).state.select(torch.tensor(which)), inner(made).state
+        assert (some.now is None) == (which == [1])  # of given cloths nothing is computed
+        assert some.now is None or some.now.positions.shape[-1] == len(which)
+        for name, value in some.arrays().items():
+            np.testing.assert_allclose(value, getattr(every, name)[which], rtol=0, atol=32 * EPS)
     step(made)
     assert_same()
 
@@ -175,13 +181,33 @@ def test_states_are_saved_and_restored_across_the_two() -> None:
     close = 1e-5 * there.scene.grid.height
     for one, other in ((there, here), (here, there)):
         other.set_state(step(one, 2, seed=1).get_state())
-        for made in (one, other):
-            step(made, 2, seed=2)
+        for each in (one, other):
+            step(each, 2, seed=2)
         np.testing.assert_allclose(other.state.positions, one.state.positions, rtol=0, atol=close)
     saved = there.get_state()
     later = step(there, 2).state.positions
     there.set_state(saved)
     np.testing.assert_array_equal(step(there, 2).state.positions, later)
+
+
+@pytest.mark.parametrize("device", DEVICES)
+def test_vector_environments_are_those_of_the_compiled_miniature(device: str) -> None:
+    """Also where members fail and start again."""
+    options: dict[str, Any] = {"backend": "miniature", "resolution": (17, 17), "self_contact": False}
+    usual = {"factor": 2, "scaling": "closure", "upscaler": "local"}
+    there = frail(made("Pressure", backend_kwargs=usual | {"device": device}, output="torch", **options))
+    here = frail(made("Pressure", backend_kwargs=usual | PLAIN, **options))
+    assert_same(there.reset(seed=1)[0], here.reset(seed=1)[0])
+    rng, failed = np.random.default_rng(0), 0
+    for _ in range(FRAMES):
+        actions = actions_of(here, rng)
+        found, wanted = there.step(torch.tensor(actions, device=device)), here.step(actions)
+        for flags, expected in zip(found[2:4], wanted[2:4], strict=True):
+            np.testing.assert_array_equal(to_host(flags), expected)
+        np.testing.assert_allclose(to_host(found[1]), wanted[1], rtol=0, atol=1e-4)  # velocities part before them
+        assert found[4].get("failure", np.zeros(0)).tolist() == wanted[4].get("failure", np.zeros(0)).tolist()
+        failed += wanted[2].sum()
+    assert 0 < failed < FRAMES * here.num_envs
 
 
 ABSENT = {

@@ -50,6 +50,11 @@ class Moment(NamedTuple):
         bodies, moving = (field.permute(1, 2, 3, 0).contiguous() for field in there[2:])
         return cls(x, v, driven, driving, bodies, moving, biases)
 
+    def select(self, which: Tensor) -> "Moment":
+        """A copy of some members."""
+        there: Any = [field.index_select(-1, which) for field in self[:-1]]
+        return self._make([*there, [bias.index_select(-1, which) for bias in self.biases]])
+
 
 class Places:
     """Vertices ``(K,)`` of fine cloths of ``scene``, as ``fine.Fine`` makes them without mending, guard and folds.
