@@ -166,7 +166,7 @@ def test_some_vertices_are_those_of_the_whole_cloth_also_of_members_that_begin_a
         rng.uniform(0.18, 0.25)  # the density
         drawn = {name: np.asarray(value)[None] for name, value in start.draw(rng).items()}
         np.testing.assert_array_equal(now[i], start.lay(drawn).positions[0].astype(np.float32))
-    for which in ([1], [2, 0]):
+    for which in ([1], [2], [2, 0]):
         some, every = inner(made).state.select(torch.tensor(which)), inner(made).state
         assert (some.now is None) == (which == [1])  # of given cloths nothing is computed
         assert some.now is None or some.now.positions.shape[-1] == len(which)

@@ -29,12 +29,12 @@ class Given(NamedTuple):
         x, v = torch.cat([self.positions, old.positions[keep]]), torch.cat([self.velocities, old.velocities[keep]])
         return Given(self.members + [old.members[k] for k in keep], x, v)
 
-    def of(self, which: list[int]) -> "Given":
-        """Those of some members, by their numbers among these."""
+    def of(self, which: list[int]) -> "Given | None":
+        """Those of some members, by their numbers among these; None if there are none."""
         number = {member: k for k, member in enumerate(self.members)}
         found = [k for k, member in enumerate(which) if member in number]
         keep = [number[which[k]] for k in found]
-        return Given(found, self.positions[keep], self.velocities[keep])
+        return Given(found, self.positions[keep], self.velocities[keep]) if found else None
 
 
 class FineState(LazyState):
