@@ -52,8 +52,9 @@ class Moment(NamedTuple):
 
     def select(self, which: Tensor) -> "Moment":
         """A copy of some members."""
-        there: Any = [field.index_select(-1, which) for field in self[:-1]]
-        return self._make([*there, [bias.index_select(-1, which) for bias in self.biases]])
+        x, v, driven, driving, bodies, moving = (field.index_select(-1, which) for field in self[:-1])
+        biases = [bias.index_select(-1, which) for bias in self.biases]
+        return Moment(x, v, driven, driving, bodies, moving, biases)
 
 
 class Places:
