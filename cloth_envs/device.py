@@ -83,7 +83,9 @@ class DeviceWorld(World):
     def _begin(self) -> None:
         """Lay out what stays where it is: all that ``_driven`` and ``_judged`` read."""
         state: Any = self.episode.state
-        partial = hasattr(state, "at") and self.task.watched is not None and not isinstance(self.observer.space, spaces.Dict)
+        partial = (
+            hasattr(state, "at") and self.task.watched is not None and not isinstance(self.observer.space, spaces.Dict)
+        )
         self._watched = (self.task.watched, to_device(self.task.watched, self.device)) if partial else None
         self._given: Any = torch.zeros(self.episode.action.shape, dtype=torch.float64, device=self.device)
         action: Any = self._given.clone()
@@ -107,12 +109,13 @@ class DeviceWorld(World):
                 getattr(self._seen, name)[members] = getattr(state, name)[members]
         if self._watched is not None:
             vertices, index = self._watched
-            for name, value in zip(("positions", "velocities"), state.at(vertices), strict=True):
+            some = state if isinstance(members, slice) else state.select(members)
+            for name, value in zip(("positions", "velocities"), some.at(vertices), strict=True):
                 seen = getattr(self._seen, name).flatten(2)
                 if isinstance(members, slice):
                     seen.index_copy_(2, index, value)
                 else:
-                    seen[members] = seen[members].index_copy_(2, index, value[members])
+                    seen[members] = seen[members].index_copy_(2, index, value)
         self._health[members] = health_of(state, self.scene.grid)[members]
         self._observed: Any = None
 

@@ -51,7 +51,14 @@ def starting(positions: Any, velocities: Any, colliders: Any) -> State:
 
 
 def selected(state: State, which: Tensor | slice) -> State:
-    """Some members of a batch of tensors, with their health; a view where they are a slice."""
+    """Some members of a batch of tensors, with their health; a view where they are a slice.
+
+    Of a cloth that is computed when it is read, only theirs.
+    """
+    lazy: Any = state
+    if hasattr(state, "at") and isinstance(which, Tensor):
+        few: State = lazy.select(which)
+        return few
     there: dict[str, Any] = state.arrays()
     found = State(**{name: value[which] for name, value in there.items()})
     if state.health is not None:

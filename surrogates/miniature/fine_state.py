@@ -10,6 +10,8 @@ from torch import Tensor
 from cloth_envs.state import Cloth, LazyState, State
 from surrogates.miniature.places import Moment, Places
 
+SMALL = ("colliders", "collider_velocities", "wind", "pressure", "time")
+
 
 class Given(NamedTuple):
     """Fine cloths that are as a reset gave them, of ``members``; ``(n, 3, H, W)`` each."""
@@ -26,6 +28,13 @@ class Given(NamedTuple):
             return self
         x, v = torch.cat([self.positions, old.positions[keep]]), torch.cat([self.velocities, old.velocities[keep]])
         return Given(self.members + [old.members[k] for k in keep], x, v)
+
+    def of(self, which: list[int]) -> "Given | None":
+        """Those of some members, by their numbers among these; None if there are none."""
+        number = {member: k for k, member in enumerate(self.members)}
+        found = [k for k, member in enumerate(which) if member in number]
+        keep = [number[which[k]] for k in found]
+        return Given(found, self.positions[keep], self.velocities[keep]) if found else None
 
 
 class FineState(LazyState):
@@ -51,6 +60,16 @@ class FineState(LazyState):
     def at(self, vertices: np.ndarray) -> Cloth:
         """Positions [m] and velocities [m/s] of some ``vertices`` ``(K,)``, numbers in NumPy: ``(B, 3, K)`` each."""
         return self._some(self._places(np.ascontiguousarray(vertices, np.int64).tobytes()))
+
+    def select(self, which: Any) -> "FineState":
+        """A copy of some members, a tensor of their numbers: only their cloth will be computed."""
+        there: dict[str, Any] = {name: getattr(self, name)[which] for name in SMALL}
+        nothing: Any = None
+        known, health = State(nothing, nothing, **there), None if self.health is None else self.health[which]
+        given = None if self.given is None else self.given.of(which.tolist())
+        moved = self.now is not None and (given is None or len(given.members) < len(which))
+        now = self.now.select(which) if self.now is not None and moved else None
+        return FineState(known, health, self._places, now, given)
 
     def _whole(self) -> Cloth:
         every = self._places(None)

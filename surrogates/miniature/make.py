@@ -40,8 +40,8 @@ def miniature(
     the card, slowly, to test it.
 
     Raises:
-        ValueError: see ``MiniatureBackend``; what a device does not have and nothing is plainer than, ``strict``, and
-            what a device does not have, or a device that can't be used.
+        ValueError: see ``MiniatureBackend``; a solver or mending on a device, ``strict`` and what a device does not
+            have, or a device that can't be used.
         ImportError: what a device needs is missing; the extra that brings it is named.
     """
     usual: dict[str, Any] = {"factor": factor, "scaling": scaling, "factors": factors, "strict": strict}
@@ -65,7 +65,7 @@ def miniature(
         lacking.append(f"upscaler={upscaler!r}")
         upscaler = "bicubic"
     if strict and lacking:
-        raise ValueError(f"strict=True: {' and '.join(lacking)} is not on a device: leave strict or device out")
+        raise ValueError(f"strict=True: a device has no {' and no '.join(lacking)}: leave strict or device out")
     plain = MiniatureBackend(scene, upscaler=upscaler, threads=threads, **usual)
     lacking += ["mended edges"] if plain.mend else []
     lacking += ["a guard"] if guard and not isinstance(plain.upscaling, Interpolation) else []

@@ -98,7 +98,7 @@ class MiniatureOnDevice:
         cloth: dict[str, Any] = {name: self._put(memory[name])[:, 0] for name in ("positions", "velocities")}
         self.solver.reset(replace(self.solver.state, **cloth), self._coarse)
         self._offsets = self._put(memory["offsets"]).clone()
-        self._show(self.state.now, self.state.given)
+        self._show(health_of(self.solver.state, self.solver.scene.grid), self.state.now, self.state.given)
 
     def check_material(self, material: Material) -> None:
         """Refuse a fine material whose coarse one can't be stepped. Raises ValueError: says what to change."""
@@ -118,13 +118,15 @@ class MiniatureOnDevice:
         self.solver.reset(State(**there), [self._coarse[i] for i in members], which)
         here = there["positions"].flatten(2)[:, :, self._driving]
         offsets = (here - x.flatten(2)[:, :, self._driven][:, :, self._follows]).transpose(1, 2).double()
-        given = Given(members, x, v)
+        given, health = Given(members, x, v), health_of(State(**there), self.solver.scene.grid)
         if which is None:
             self._offsets, now = offsets.contiguous(), None
         else:
-            self._offsets = self._offsets.index_copy(0, self._put(np.array(members)), offsets)
-            now, given = self.state.now, given.and_before(self.state.given)
-        self._show(now, given)
+            old, index = self.state, self._put(np.array(members))
+            judged: Any = old.health
+            self._offsets = self._offsets.index_copy(0, index, offsets)
+            now, given, health = old.now, given.and_before(old.given), judged.index_copy(0, index, health)
+        self._show(health, now, given)
 
     def _set_materials(self, members: list[int], chosen: list[Material]) -> None:
         if [self._materials[i] for i in members] == chosen:
@@ -143,9 +145,8 @@ class MiniatureOnDevice:
         positions, velocities = self._put(controls.handle_positions), self._put(controls.handle_velocities)
         followed: Any = positions[:, self._follows] + self._offsets, velocities[:, self._follows]
         now = self.solver.advance(replace(controls, handle_positions=followed[0], handle_velocities=followed[1]))
-        self._show(Moment.of(now, (positions, velocities), self._biases), None)
+        self._show(now.health, Moment.of(now, (positions, velocities), self._biases), None)
         return self.state
 
-    def _show(self, now: Moment | None, given: Given | None) -> None:
-        coarse = self.solver.state
-        self._state = FineState(coarse, health_of(coarse, self.solver.scene.grid), self._places, now, given)
+    def _show(self, health: Any, now: Moment | None, given: Given | None) -> None:
+        self._state = FineState(self.solver.state, health, self._places, now, given)

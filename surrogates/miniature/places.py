@@ -45,10 +45,16 @@ class Moment(NamedTuple):
     def of(cls, coarse: State, handles: Sequence[Tensor], biases: list[Tensor]) -> "Moment":
         """From a state in tensors, and positions and velocities of the fine handles, ``(B, N, 3)``."""
         there: Any = coarse.positions, coarse.velocities, coarse.colliders, coarse.collider_velocities
-        cloth = (field.flatten(2).permute(1, 2, 0).contiguous() for field in there[:2])
-        driven = (field.float().permute(2, 1, 0).contiguous() for field in handles)
-        bodies = (field.permute(1, 2, 3, 0).contiguous() for field in there[2:])
-        return cls(*cloth, *driven, *bodies, biases)
+        x, v = (field.flatten(2).permute(1, 2, 0).contiguous() for field in there[:2])
+        driven, driving = (field.float().permute(2, 1, 0).contiguous() for field in handles)
+        bodies, moving = (field.permute(1, 2, 3, 0).contiguous() for field in there[2:])
+        return cls(x, v, driven, driving, bodies, moving, biases)
+
+    def select(self, which: Tensor) -> "Moment":
+        """A copy of some members."""
+        x, v, driven, driving, bodies, moving = (field.index_select(-1, which) for field in self[:-1])
+        biases = [bias.index_select(-1, which) for bias in self.biases]
+        return Moment(x, v, driven, driving, bodies, moving, biases)
 
 
 class Places:
@@ -82,7 +88,8 @@ class Places:
         if isinstance(upscaling, Local):
             said = csr_array(kept @ nodes(upscaling))
             wanted = np.unique(said.indices)
-            self._net, self._nodes = CellNet(upscaling, wanted, device), Product(csr_array(said[:, wanted]), device)
+            self._nodes = Product(csr_array(said[:, wanted]), device)
+            self._net = CellNet(upscaling, wanted, device) if len(wanted) else None
 
     def __call__(self, now: Moment) -> tuple[Tensor, Tensor]:
         """Positions [m] and velocities [m/s], ``(B, 3, K)``."""

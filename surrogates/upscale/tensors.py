@@ -90,7 +90,7 @@ class CellNet:
         """Residuals [m] in cloths ``x`` ``(3, h w, B)``, ``(3, wanted, B)``; ``biases`` ``(n, B)`` of each layer."""
         batch, (*hidden, last) = x.shape[-1], self._layers
         centred = (x - x.mean(1, keepdim=True)).view(3, *self._shape, batch)
-        padded = self._border[1] @ (self._border[0] @ centred.flatten(2)).unflatten(2, (-1, batch))
+        padded = self._border[1] @ (self._border[0] @ centred.flatten(2)).view(3, -1, self._shape[1], batch)
         p = padded.flatten(1, 2).index_select(1, self._patches).view(3, len(PLACES), -1, batch)
         one, other = p[:, 8] - p[:, 3], p[:, 4] - p[:, 7]  # diagonals of the cell
         edges = functional.normalize(torch.stack([one + other, one - other]), dim=1)
