@@ -10,41 +10,54 @@ from training.bench.gpu.rows import GpuRow, LearnRow
 
 STEM = "gpu"
 NOTE = (
-    "Steps of members a second by random actions, observations and rewards included; dashed: every core of the processor "
-    "beside the card, in the same call. Right: the mean reward a frame of PPO (64 x 64) by seconds since its start."
+    "Steps of members a second by random actions, observations and rewards included; dashed: all threads of the processor "
+    "beside the card, in the same call."
 )
 
 
-def draw(rows: Mapping[str, Sequence[Any]], folder: Path, setup: str) -> None:
-    """Two panels."""
-    found: Sequence[GpuRow] = rows.get("gpu", [])
-    learned: Sequence[LearnRow] = rows.get("gpu_learning", [])
-    if not found:
-        return
-    figure, (speed, learning, *_) = grid(2, "steps a second", panel=3.0)
-    handles: dict[str, Any] = {}
-    names = list(dict.fromkeys((r.scene, r.backend) for r in found))
-    for number, (scene, backend) in enumerate(names):
-        mine = [r for r in found if (r.scene, r.backend) == (scene, backend)]
+def panels_of(rows: Sequence[GpuRow]) -> dict[str, list[GpuRow]]:
+    """Rows by backend."""
+    return {name: [r for r in rows if r.backend == name] for name in dict.fromkeys(r.backend for r in rows)}
+
+
+def plot(axes: Any, rows: Sequence[GpuRow], handles: dict[str, Any]) -> None:
+    """Steps a second of every scene."""
+    for number, scene in enumerate(dict.fromkeys(r.scene for r in rows)):
+        mine = [r for r in rows if r.scene == scene]
         card = sorted((r for r in mine if r.where == "card"), key=lambda r: r.members)
-        look = {"color": COLORS[number % len(COLORS)], "marker": MARKERS[number % len(MARKERS)], "ms": 4, "lw": 1.3}
-        line = speed.plot([r.members for r in card], [r.steps for r in card], **look)[0]
-        handles[scene if backend == "cnn" else f"{scene}, {backend}"] = line
+        color, x = COLORS[number % len(COLORS)], [r.members for r in card]
+        marker = MARKERS[number % len(MARKERS)]
+        handles[scene] = axes.plot(x, [r.steps for r in card], color=color, marker=marker, ms=4, lw=1.3)[0]
         best = max((r.steps for r in mine if r.where == "processor"), default=None)
         if best and card:
-            ends = [card[0].members, card[-1].members]
-            speed.plot(ends, [best, best], color=look["color"], ls="--", lw=0.9)
-    speed.set_xscale("log", base=2)
-    speed.set_yscale("log")
-    dress(speed, "Environment steps a second")
-    speed.yaxis.set_major_formatter(lambda value, _: f"{value:,.0f}")
-    speed.set_xlabel("members", fontsize=7.5, color=INK)
-    for number, scene in enumerate(dict.fromkeys(r.scene for r in learned)):
-        mine = [r for r in learned if r.scene == scene]
-        color = handles[scene].get_color() if scene in handles else COLORS[number]
-        learning.plot([r.seconds for r in mine], [r.reward for r in mine], color=color, lw=1.3)
-        learning.annotate(scene, (mine[-1].seconds, mine[-1].reward), fontsize=7.5, color=INK, ha="right", va="bottom")
-    dress(learning, "PPO: reward a frame")
-    learning.set_xlabel("seconds", fontsize=7.5, color=INK)
-    legend(figure, handles, list(handles), "outside upper center", 4)
-    save(figure, f"{found[0].device}. {setup}. {NOTE}", folder, STEM)
+            axes.plot([x[0], x[-1]], [best, best], color=color, ls=(0, (4, 2)), lw=0.9)
+    axes.set_xscale("log", base=2)
+    axes.set_yscale("log")
+
+
+def draw(rows: Mapping[str, Sequence[Any]], folder: Path, setup: str) -> None:
+    """A panel for every backend and, where it was measured, one of what PPO earns by the clock."""
+    found, learned = panels_of(rows.get("gpu", [])), rows.get("gpu_learning", [])
+    if not found:
+        return
+    figure, panels = grid(len(found) + bool(learned), "steps a second", panel=3.0)
+    handles: dict[str, Any] = {}
+    for axes, (name, mine) in zip(panels, found.items(), strict=False):
+        plot(axes, mine, handles)
+        dress(axes, "Full resolution (cnn)" if name == "cnn" else name.replace(" x", " \u00d7").capitalize())
+        axes.yaxis.set_major_formatter(lambda value, _: f"{value:,.0f}")
+        axes.set_xlabel("members", fontsize=7.5, color=INK)
+    if learned:
+        _learning(panels[len(found)], learned)
+    legend(figure, handles, list(handles), "outside upper center", 6)
+    name = next(r.device for mine in found.values() for r in mine if r.where == "card")
+    save(figure, f"{name}; {setup}. {NOTE}", folder, STEM)
+
+
+def _learning(axes: Any, rows: Sequence[LearnRow]) -> None:
+    for number, scene in enumerate(dict.fromkeys(r.scene for r in rows)):
+        mine = [r for r in rows if r.scene == scene]
+        axes.plot([r.seconds for r in mine], [r.reward for r in mine], color=COLORS[number], lw=1.3)
+        axes.annotate(scene, (mine[-1].seconds, mine[-1].reward), fontsize=7.5, color=INK, ha="right", va="bottom")
+    dress(axes, "PPO (64 x 64): reward a frame")
+    axes.set_xlabel("seconds", fontsize=7.5, color=INK)
