@@ -9,7 +9,7 @@
 namespace minicloth {
 namespace {
 
-constexpr int kHalves = 3, kRounds = 6;  // how often vertices are drawn half-way, and in all: then all the way
+constexpr int kHalves = 3, kRounds = 16;  // how often vertices are drawn half-way, and in all: then all the way
 constexpr int kSpread = 2;               // of vertices around them, which are drawn
 constexpr float kLess = 0.6f;            // times as much from ring to ring
 
