@@ -23,11 +23,11 @@ struct Meeting {
   int rows = 0, cols = 0, down, across, stride, block_rows, block_cols, blocks, strips;
   bool periodic = false;
   std::size_t plane;
-  float twice;                     // m^2, the area of a cell at rest times two, which normals have
-  std::vector<int> number;         // of elements of the planes: which vertex of the sheet lies there
-  Plane<float> x, moved;           // 3 planes of vertices; 1 of those that moved since the last time
-  Plane<float> low, high;          // 3 planes each of cells: their boxes
-  Plane<float> normal, lower;      // the same, the sums of their triangles' normals, and those of the lower ones
+  float twice;                    // m^2, the area of a cell at rest times two, which normals have
+  std::vector<int> number;        // of elements of the planes: which vertex of the sheet lies there
+  Plane<float> x, moved;          // 3 planes of vertices; 1 of those that moved since the last time
+  Plane<float> low, high;         // 3 planes each of cells: their boxes
+  Plane<float> normal, lower;     // the same, the sums of their triangles' normals, and those of the lower ones
   Plane<float> plain, even;       // of cells: 1 where triangles are nearly level, and where those beside it are as well
   Plane<float> box, cone, strip;  // 6 planes, lo and hi, of blocks, of their triangles' normals, of strips
   std::vector<char> fresh, fresh_rows, filled;  // of blocks, of their rows: with vertices that moved

@@ -120,7 +120,8 @@ void boxes(Meeting& m) {
       float* const box = m.box.data() + k * m.blocks + b * m.block_cols;
       float* const cone = m.cone.data() + k * m.blocks + b * m.block_cols;
       const auto of = [&](const Plane<float>& plane) { return plane.data() + k * m.plane + first; };
-      const float *const low = of(m.low), *const high = of(m.high), *const lower = of(m.lower), *const sum = of(m.normal);
+      const float *const low = of(m.low), *const high = of(m.high), *const lower = of(m.lower),
+                         *const sum = of(m.normal);
       const auto upper = [&](int i) { return load(sum + i) - load(lower + i); };
       reduce<true>(m, [&](int i) { return load(low + i); }, rows, m.across, box);
       reduce<false>(m, [&](int i) { return load(high + i); }, rows, m.across, box + 3 * m.blocks);
