@@ -40,7 +40,7 @@ class Observer:
         """Observations of the batch, freshly allocated, in ``space`` with a leading axis."""
         state, extras = episode.state, self._task.observe(episode)
         if self._mesh:
-            mesh = np.concatenate([state.positions, state.velocities], 1)
+            mesh = np.concatenate([state.positions, state.velocities], 1, dtype=np.float32)
             np.clip(mesh, -self._limit, self._limit, out=mesh)
             limit = self._task.extras_bound
             return {"mesh": mesh, "task": np.clip(extras, -limit, limit).astype(np.float32)}
