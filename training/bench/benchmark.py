@@ -249,8 +249,8 @@ def check_header(benchmark: Benchmark, folder: Path) -> None:
     rows = [f"{stem}.csv" for stem in benchmark.files if (folder / f"{stem}.csv").is_file()]
     if rows and not (folder / header).is_file():
         raise ValueError(
-            f"{folder} holds {', '.join(rows)} without {header}, which tells their revision: restore it, choose another "
-            "--out, or --fresh to measure them again"
+            f"{folder} holds {', '.join(rows)} without {header}, which tells their revision: restore it, choose "
+            "another --out, or --fresh to measure them again"
         )
 
 
