@@ -19,13 +19,15 @@ constexpr float kNear = 1e-6f;  // m, so near are boxes that meet
 inline F least(const F& a, const F& b) { return a < b ? a : b; }
 inline F most(const F& a, const F& b) { return a > b ? a : b; }
 
-// The positions, and which blocks have vertices that moved.
-void take(Meeting& m, const float* x, bool all) {
+// The positions, and which blocks have vertices that moved or are marked.
+void take(Meeting& m, const float* x, const float* mark, bool all) {
   for (int r = 0; r < m.rows; ++r)
     for (int k = 0; k < 3; ++k) {
       const float* const from = x + (std::size_t(k) * m.rows + r) * m.cols;
       float *const to = m.x.data() + k * m.plane + r * m.stride + 1, *const moved = m.moved.data() + r * m.stride + 1;
-      for (int c = 0; c < m.cols; ++c) moved[c] = all ? 1.0f : (k ? moved[c] : 0.0f) + (to[c] != from[c] ? 1.0f : 0.0f);
+      const float* const marked = mark + r * m.cols;
+      for (int c = 0; c < m.cols; ++c)
+        moved[c] = all ? 1.0f : (k ? moved[c] : marked[c]) + (to[c] != from[c] ? 1.0f : 0.0f);
       std::memcpy(to, from, m.cols * sizeof(float));
       if (m.periodic) to[m.cols] = to[0], moved[m.cols] = moved[0];
     }

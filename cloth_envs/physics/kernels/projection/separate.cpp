@@ -29,11 +29,11 @@ class Separate {
   std::vector<float> goal_, mark_, before_;  // where vertices are drawn to, what part of the way
 };
 
-// Marks the vertices of triangles that cross, of all or of those near vertices that moved since the last time; whether
-// some do.
+// Marks the vertices of triangles that cross, of all or of those near vertices that moved since the last time or were
+// marked; whether some do.
 bool Separate::cross(const float* x, bool all) {
   const int n = rows_ * cols_;
-  lanes<MeetLanes>().find(meeting_, x, all);
+  lanes<MeetLanes>().find(meeting_, x, mark_.data(), all);
   std::fill(mark_.begin(), mark_.end(), 0.0f);
   bool found = false;
   for (const MeetingCells& cells : meeting_.cells) {
