@@ -113,8 +113,9 @@ class Fine {
         (*cubic)(from, 3, at), finish(mend_cubic);
         if (mend_more && !(strain(at) <= guard)) finish(mend_more);
       }
+      const Held stay = {held_, [&](float* other) { put(other, there); }};
       const bool folds = sheet_.self_thickness > 0;
-      for (int round = 0; folds && round < 2 && separate(sheet_, from, int(h), int(w), at, round > 0); ++round) {
+      for (int round = 0; folds && round < 2 && separate(sheet_, stay, from, int(h), int(w), at, round > 0); ++round) {
         int again;
         float deepest;
         put(at, there), push_out(at, met, again, deepest);

@@ -16,7 +16,7 @@ constexpr float kLess = 0.6f;                          // times as much from rin
 // Keeps its memory from cloth to cloth.
 class Separate {
  public:
-  bool operator()(const Sheet& sheet, const float* coarse, int h, int w, float* x, bool again);
+  bool operator()(const Sheet& sheet, const Held& held, const float* coarse, int h, int w, float* x, bool again);
 
  private:
   bool cross(const float* x, bool all);
@@ -118,15 +118,18 @@ void Separate::spread() {
   }
 }
 
-bool Separate::operator()(const Sheet& sheet, const float* coarse, int h, int w, float* x, bool again) {
+bool Separate::operator()(const Sheet& sheet, const Held& held, const float* coarse, int h, int w, float* x,
+                          bool again) {
   const int n = sheet.rows * sheet.cols;
   rows_ = sheet.rows, cols_ = sheet.cols;
   meeting_.shape(rows_, cols_, sheet.periodic, sheet.row_length * sheet.col_length);
   mark_.resize(n);
   for (int round = 0; round < kRounds; ++round) {
     if (!cross(x, round == 0 && !again)) return round > 0;
-    if (round == 0) facets(coarse, h, w);
+    if (round == 0) facets(coarse, h, w), held.put(goal_.data());
     if (round >= kFacets) means(x);
+    for (int i : held.vertices)
+      for (int k = 0; k < 3; ++k) goal_[k * n + i] = x[k * n + i];
     spread();
     const float part = round < kHalves ? 0.5f : 1.0f;
     for (int i = 0; i < n; ++i)
@@ -137,9 +140,9 @@ bool Separate::operator()(const Sheet& sheet, const float* coarse, int h, int w,
 
 }  // namespace
 
-bool separate(const Sheet& sheet, const float* coarse, int h, int w, float* x, bool again) {
+bool separate(const Sheet& sheet, const Held& held, const float* coarse, int h, int w, float* x, bool again) {
   thread_local Separate separate;
-  return separate(sheet, coarse, h, w, x, again);
+  return separate(sheet, held, coarse, h, w, x, again);
 }
 
 }  // namespace minicloth

@@ -1,8 +1,18 @@
 // Draws folds of an upscaled cloth out of each other.
 #pragma once
+#include <functional>
+#include <vector>
+
 #include "../sheet/sheet.hpp"
 
 namespace minicloth {
+
+// Vertices that stay where they are, and what puts them there in other cloths of the sheet (3, rows, cols), those
+// around with them.
+struct Held {
+  const std::vector<int>& vertices;
+  std::function<void(float*)> put;
+};
 
 // The facets of a coarse cloth, its triangles between straight edges, do not cross where contact kept the coarse cloth
 // out of itself. A fine one of the same sheet, curved and wrinkled, may. Its vertices at triangles that cross are drawn
@@ -11,6 +21,6 @@ namespace minicloth {
 // those around them in the end.
 // Positions x (3, rows, cols) of the sheet, in place; coarse (3, h, w). `again`: after the same cloth, of which some
 // vertices moved. Whether vertices were moved.
-bool separate(const Sheet& sheet, const float* coarse, int h, int w, float* x, bool again);
+bool separate(const Sheet& sheet, const Held& held, const float* coarse, int h, int w, float* x, bool again);
 
 }  // namespace minicloth
