@@ -19,11 +19,11 @@ class Children:
         self._stopped = False
 
     def start(self, command: Sequence[str], log: TextIO) -> subprocess.Popen[bytes]:
-        """Start ``command``, which writes into ``log``. Raises RuntimeError: SIGTERM has come."""
-        if self._stopped:
-            raise RuntimeError("nothing is started any more")
+        """Start ``command``, which writes into ``log``; it ends at once where SIGTERM has come."""
         child = subprocess.Popen(command, env=os.environ | ONE_THREAD, stdout=log, stderr=log)
         self._started.append(child)
+        if self._stopped:
+            child.terminate()
         return child
 
     @contextmanager
@@ -32,8 +32,7 @@ class Children:
 
         def end(number: int, _: FrameType | None) -> None:
             self._stopped = True
-            for child in self._started:
-                child.terminate()
+            self._terminate()
             raise SystemExit(128 + number)
 
         before = signal.signal(signal.SIGTERM, end)
@@ -41,5 +40,10 @@ class Children:
             yield
         finally:
             signal.signal(signal.SIGTERM, before)
+            self._terminate()
             for child in self._started:
                 child.wait()
+
+    def _terminate(self) -> None:
+        for child in self._started:  # which does nothing to those that have ended
+            child.terminate()
