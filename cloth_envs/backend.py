@@ -73,6 +73,34 @@ def device_of(backend: Any) -> Any:
     return device if hasattr(device, "type") else None
 
 
+class Stateful:
+    """The present state of a backend, as ``Backend`` has it."""
+
+    _state: State | None = None
+
+    @property
+    def state(self) -> State:
+        """The present state of the whole batch. Raises RuntimeError: there is none before ``reset``."""
+        if self._state is None:
+            raise RuntimeError("there is no cloth yet: call reset(state) first")
+        return self._state
+
+    def _begin(self, state: State, which: Sequence[int] | None) -> None:
+        """Make ``state`` the present one, or of the present one those members; callers pass a copy."""
+        if which is None:
+            self._state = state
+        else:
+            self._state = self.state.copy()
+            self._state.assign(list(which), state)
+
+
+def check_material(backend: Backend, material: Material) -> None:
+    """Refuse what a backend says that it can't step. Raises ValueError: see ``Backend``."""
+    check = getattr(backend, "check_material", None)
+    if check is not None:
+        check(material)
+
+
 # What makes a backend: a class or function ``(scene, *, num_envs, **options)``, whose other options have defaults.
 BackendFactory = Callable[..., Backend]
 

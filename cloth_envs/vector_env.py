@@ -198,8 +198,9 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
     def _of_frame(self, which: np.ndarray) -> dict[str, np.ndarray]:
         """What the backend tells of the last frame of members ``which``, bool ``(B,)``."""
         guarded, crossings, error = self.world.guarded & which, self.world.crossings * which, self.world.measured_error
+        known = which & ~np.isnan(error)
         told = _told("guard", guarded, guarded) | _told("crossings_at_start", crossings, crossings > 0)
-        return told | _told("measured_error", error, which & ~np.isnan(error))
+        return told | _told("measured_error", np.where(known, error, 0.0), known)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that decides the future, as arrays; see ``ClothEnv.get_state``."""
@@ -235,7 +236,7 @@ def _threaded(choice: Choice, threads: int) -> Choice:
 
 
 def _told(name: str, values: np.ndarray, which: np.ndarray) -> dict[str, np.ndarray]:
-    """An info that some members have, bool ``(B,)``; nothing of none."""
+    """An info that some members have, bool ``(B,)``; nothing of none. Others are 0, False or None, as Gymnasium's."""
     return {name: values, f"_{name}": which} if which.any() else {}
 
 

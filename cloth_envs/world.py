@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from cloth_envs.arguments import read_actions, true_or_false
-from cloth_envs.backend import Backend, device_of
+from cloth_envs.backend import Backend, check_material, device_of
 from cloth_envs.choice import Choice, as_lists, choices
 from cloth_envs.failure import Failures
 from cloth_envs.grid import check_resolution
@@ -154,19 +154,13 @@ class World:
         low, high = self.frames.min(), self.frames.max()
         return f"frame {low}" if low == high else f"frames {low} to {high}"
 
-    def _check_material(self, material: Material) -> None:
-        """Refuse what the backend can't step, where it says so. Raises ValueError: see ``Backend.check_material``."""
-        check = getattr(self.backend, "check_material", None)
-        if check is not None:
-            check(material)
-
     def _check_ranges(self) -> None:
         """Refuse ``randomize`` where a corner of its ranges can't be stepped, so that no reset ever fails."""
-        self._check_material(self.scene.material)
+        check_material(self.backend, self.scene.material)
         for corner in product(*self.ranges.values()):
             changes = dict(zip(self.ranges, corner, strict=True))
             try:
-                self._check_material(self.scene.material.with_changes(**changes))
+                check_material(self.backend, self.scene.material.with_changes(**changes))
             except ValueError as error:
                 raise ValueError(f"randomize allows {changes}, which can't be stepped: {error}") from error
 
@@ -329,7 +323,7 @@ class World:
         try:
             snapshot = self._now().other(saved)
             for material in set(snapshot.materials):
-                self._check_material(material)
+                check_material(self.backend, material)
         except BaseException:
             if not started:
                 self._episode, self.rngs = None, [None] * self.num_envs

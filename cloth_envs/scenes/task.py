@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from inspect import cleandoc
 from typing import Any, ClassVar
 
@@ -16,6 +16,9 @@ from cloth_envs.registry import EPISODE_FRAMES
 from cloth_envs.scene import Scene
 from cloth_envs.scenes import drives, measures
 from cloth_envs.state import Controls, State
+
+# What a task tells agents of its cloth, which moves the same whatever that is.
+TOLD = frozenset(("observe", "extras", "extras_bound", "lattice", "reward", "max_strain"))
 
 
 @dataclass
@@ -100,8 +103,19 @@ class Task(ABC):
 
     @classmethod
     def make_scene(cls, *, resolution: tuple[int, int], material: Material) -> Scene:
-        """The scene at this resolution and material."""
-        return cls.build_scene(Grid(*resolution, *cls.size), material)
+        """The scene at this resolution and material, and what drives it."""
+        return replace(cls.build_scene(Grid(*resolution, *cls.size), material), driven_by=cls._driver())
+
+    @classmethod
+    def _driver(cls) -> str:
+        """See ``Scene.driven_by``: the first class, seen from this one, that changes more than ``TOLD``."""
+        for each in cls.__mro__:
+            if each.__module__.partition(".")[0] == __name__.partition(".")[0]:
+                return ""
+            own = {name for name in vars(each) if name == "__init__" or not name.startswith(("__", "_abc_"))}
+            if own - TOLD:
+                return f"{each.__module__}:{each.__qualname__}"
+        return ""
 
     @classmethod
     @abstractmethod
