@@ -94,7 +94,9 @@ def test_frames_of_the_scenes_are_as_exact_as_the_compiled_solvers(name: str) ->
     for _ in range(2):
         world.step(rng.uniform(-1, 1, (2, len(world.task.actions))).astype(np.float32))
         got, true = card.advance(world.controls), exact.advance(world.controls)
-    errors = [np.sqrt(((x - true.positions) ** 2).sum(1).mean()) for x in (got.positions.numpy(), world.state.positions)]
+    errors = [
+        np.sqrt(((x - true.positions) ** 2).sum(1).mean()) for x in (got.positions.numpy(), world.state.positions)
+    ]
     assert errors[0] <= 3 * errors[1] + 4 * EPS * world.scene.grid.height
     for told, found in zip(got.health.tolist(), find(world.scene.grid, world.state), strict=True):
         np.testing.assert_allclose(told, found, rtol=1e-3, atol=1e-5)

@@ -59,8 +59,8 @@ def cnn(
         forces: plugged in to the torch engine, ``f(positions, velocities) -> (B, 3, H, W)`` [N] in tensors.
 
     Raises:
-        ValueError: a bad argument, weights that there are not, plugged-in forces without ``engine="torch"``, or a device
-            that can't be used.
+        ValueError: a bad argument, weights that there are not, plugged-in forces without ``engine="torch"``, or a
+            device that can't be used.
         ImportError: what a device needs is missing; the extra that brings it is named.
     """
     one_of("engine", engine, ENGINES)
