@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cloth_envs.arguments import one_of
-from cloth_envs.extras import missing
+from cloth_envs.extras import install, missing
 from cloth_envs.physics.particles.solver import ParticleSolver
 from cloth_envs.scene import Scene
 from surrogates.cell.compiled import SHEET, CellNet, CellSheet, dimensional
@@ -108,5 +108,8 @@ def _on_card(scene: Scene, arrays: Mapping[str, np.ndarray], *, dtype: str, **op
     if options["device"] == EMULATED:
         options["device"] = "cpu"
     else:
-        usable(options["device"])
+        try:
+            usable(options["device"])
+        except ValueError as error:
+            raise ValueError(f"{error}; a card needs {install('gpu')}") from error
     return CellCard(scene, factors_of(arrays), **options)
