@@ -18,6 +18,8 @@ SCENES: dict[str, str] = {
     "Pressure": "cloth_envs.scenes.pressure:Pressure",
     "Hanging": "cloth_envs.scenes.hanging:Hanging",
     "BallDrop": "cloth_envs.scenes.ball_drop:BallDrop",
+    "Draping": "cloth_envs.scenes.draping:Draping",
+    "Hitting": "cloth_envs.scenes.hitting:Hitting",
 }
 
 # Frames of an episode, kept here so that registering with Gymnasium imports no scene.
@@ -36,6 +38,10 @@ PRESETS: dict[str, dict[str, str]] = {
         "BallDrop": "cloth_envs.presets.zhao2024:Ball2024",
     },
     "zhao2024-fall": {"Pressure": "cloth_envs.presets.zhao2024:Fall2024"},
+    "chen2020": {
+        "Draping": "cloth_envs.presets.chen2020:Draping2020",
+        "Hitting": "cloth_envs.presets.chen2020:Hitting2020",
+    },
 }
 
 # name -> what makes a Backend, or "module:class or function", resolved on use. Installed packages add theirs under

@@ -106,6 +106,8 @@ def reach(scene: Scene, state: State, member: int = 0) -> np.ndarray:
             low, high = np.minimum(low, ends.min(0) - body.radius), np.maximum(high, ends.max(0) + body.radius)
             if kind == "free":  # it may hang over the body by half its diagonal
                 low[2] = min(low[2], ends[:, 2].max() + body.radius - np.hypot(grid.width, grid.height) / 2)
+            if kind == "rail":  # it may press the hem
+                low[2] = min(low[2], lowest_hang(grid, scene.pins, handles[:, 2]) - body.radius)
     size = max(grid.width, grid.height)
     low[2], high[2] = low[2] - FLOOR_GAP[kind] * size, high[2] + HEADROOM[kind] * size
     for body, (point, normal) in zip(scene.colliders, state.colliders[member], strict=True):

@@ -1,7 +1,5 @@
 """Collision: a ball presses a hanging cloth into a target shape."""
 
-from itertools import pairwise
-
 import numpy as np
 
 from cloth_envs.grid import Grid
@@ -10,7 +8,7 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.scenes.drives import Drive, push
 from cloth_envs.scenes.measures import columns, largest_stretch, tolerance
-from cloth_envs.scenes.starts import bow
+from cloth_envs.scenes.starts import pleats
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -88,15 +86,7 @@ class Collision(Task):
         )  # fmt: skip
 
     def start(self, rng: np.random.Generator) -> Start:
-        grid = self.scene.grid
-        positions = np.empty((3, *grid.shape))
-        halves = np.linspace(0, grid.cols - 1, min(WAVES, grid.cells[1] // 2) + 1).round().astype(int)
-        side = rng.choice([-1.0, 1.0])
-        for i, (begin, end) in enumerate(pairwise(halves)):
-            along, across = grid.col_spacing * bow(end - begin, HUNG)
-            positions[0, :, begin : end + 1] = HUNG * (begin * grid.col_spacing - 0.5 * grid.width) + along
-            positions[1, :, begin : end + 1] = (-1) ** i * side * across
-        positions[2] = -np.linspace(0.0, grid.height, grid.rows)[:, None]
+        positions = pleats(self.scene.grid, WAVES, HUNG, rng.choice([-1.0, 1.0]))
         ball = rng.uniform(START_LOW, START_HIGH)
         goal = rng.uniform(GOAL_LOW, GOAL_HIGH)
         memory = {"goal": goal, "shape": self.shape(goal[None])[0]}

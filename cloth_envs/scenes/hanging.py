@@ -8,6 +8,7 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, draw_gust, gust
 from cloth_envs.scenes.measures import columns, tolerance
+from cloth_envs.scenes.starts import rotation
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -90,7 +91,7 @@ class Hanging(Task):
         cone = np.stack([across * np.cos(turn), across * np.sin(turn), -distance * np.sqrt(1 - sine**2)])
         x, _, z = cone.mean((1, 2))
         tilt, yaw = np.arctan2(x, -z), rng.uniform(-np.pi, np.pi)  # the middle hangs below the corner
-        positions = _turn(yaw, 0, 1) @ _turn(tilt, 2, 0) @ cone.reshape(3, -1)
+        positions = rotation(yaw, 0, 1) @ rotation(tilt, 2, 0) @ cone.reshape(3, -1)
         rate = np.append(rng.uniform(-SWING, SWING, 2), 0.0)
         memory = {"goal": rng.uniform(GOAL_LOW, GOAL_HIGH) - [0.0, 0.0, HANG], "tones": draw_gust(rng)}
         velocities = np.cross(rate, positions, axisb=0, axisc=0)
@@ -112,11 +113,3 @@ class Hanging(Task):
     def reward(self, episode: Episode) -> np.ndarray:
         off = self.middle(episode) - episode.memory["goal"]
         return tolerance(off, PLACE_MARGIN) * tolerance(self.speed(episode), CALM_MARGIN, 0.25)
-
-
-def _turn(angle: float, first: int, second: int) -> np.ndarray:
-    """Rotation by ``angle`` [rad] from axis ``first`` towards axis ``second``."""
-    matrix = np.eye(3)
-    matrix[[first, second], [first, second]] = np.cos(angle)
-    matrix[second, first], matrix[first, second] = np.sin(angle), -np.sin(angle)
-    return matrix

@@ -1,6 +1,10 @@
-"""What scenes start from: lines that are bowed at rest length."""
+"""What scenes start from: cloths that are bowed and turned at rest length."""
+
+from itertools import pairwise
 
 import numpy as np
+
+from cloth_envs.grid import Grid
 
 
 def bow(cells: int, ratio: float) -> np.ndarray:
@@ -16,3 +20,27 @@ def bow(cells: int, ratio: float) -> np.ndarray:
     path = np.zeros((2, cells + 1))
     np.cumsum([np.cos(slope), np.sin(slope)], axis=1, out=path[:, 1:])
     return path
+
+
+def pleats(grid: Grid, waves: int, ratio: float, side: float) -> np.ndarray:
+    """A cloth that hangs straight down in ``waves`` half waves, or as many as it has pairs of cells, ``(3, H, W)``.
+
+    It is ``ratio`` times its width wide along x, in the middle of the upper edge is the origin, and the first half wave
+    bows to ``side``, -1 or 1 along y.
+    """
+    positions = np.empty((3, *grid.shape))
+    halves = np.linspace(0, grid.cols - 1, min(waves, grid.cells[1] // 2) + 1).round().astype(int)
+    for i, (begin, end) in enumerate(pairwise(halves)):
+        along, across = grid.col_spacing * bow(end - begin, ratio)
+        positions[0, :, begin : end + 1] = ratio * (begin * grid.col_spacing - 0.5 * grid.width) + along
+        positions[1, :, begin : end + 1] = (-1) ** i * side * across
+    positions[2] = -np.linspace(0.0, grid.height, grid.rows)[:, None]
+    return positions
+
+
+def rotation(angle: float, first: int, second: int) -> np.ndarray:
+    """Rotation by ``angle`` [rad] from axis ``first`` towards axis ``second``, ``(3, 3)``."""
+    matrix = np.eye(3)
+    matrix[[first, second], [first, second]] = np.cos(angle)
+    matrix[second, first], matrix[first, second] = np.sin(angle), -np.sin(angle)
+    return matrix
