@@ -79,6 +79,19 @@ def ball_drop(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return _act(np.tile(weights, 2), *([part[:, axis] for part in parts] for axis in (0, 1)))
 
 
+def draping(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """As ``hanging``, without a breeze."""
+    return hanging(np.column_stack([obs, np.zeros(len(obs))]), weights)
+
+
+def hitting(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """By the way from the ball to the target, what the vertex misses of it, the ball's velocity and the side."""
+    ball, speed, vertex, _, target = np.split(obs[:, -15:], 5, 1)
+    side = np.sign(target[:, 1])
+    x, y, z = zip((3 * (target - ball)).T, (3 * (target - vertex)).T, speed.T, strict=True)
+    return _act(weights, x, [*y, side], z)
+
+
 class Form(NamedTuple):
     """A policy's function and how many weights it has."""
 
@@ -93,6 +106,8 @@ FORMS: Mapping[str, Form] = {
     "Pressure": Form(pressure, 4),
     "Hanging": Form(hanging, 6),
     "BallDrop": Form(ball_drop, 5),
+    "Draping": Form(draping, 6),
+    "Hitting": Form(hitting, 10),
 }
 
 
