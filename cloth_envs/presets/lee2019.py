@@ -31,7 +31,6 @@ from cloth_envs.scenes.curtain import ACCELERATION, APART, SPEED, TARGET, Curtai
 from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.flag import ASIDE, FASTEST, Flag
 from cloth_envs.scenes.task import Episode, Start, Task
-from cloth_envs.state import Controls
 
 OPTIONS = {"mass": 1.5, "spring": 150.0}  # kg of the whole cloth, N/m of every spring
 WIND = 12.0  # m/s along x

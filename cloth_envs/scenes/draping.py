@@ -88,7 +88,7 @@ class Draping(Task):
         return Start(positions, np.zeros_like(positions), np.zeros((0, 2, 3)), memory)
 
     def spread(self, rng: np.random.Generator) -> np.ndarray:
-        """A gently waved sheet, let down from level and turned at random, the held point at the origin; ``(3, H, W)``."""
+        """A gently waved sheet, let down from level, turned at random, the held point at the origin; ``(3, H, W)``."""
         grid = self.scene.grid
         v, u = np.meshgrid(*(np.linspace(0.0, s, n) for s, n in zip(self.size, grid.shape, strict=True)), indexing="ij")
         phase = rng.uniform(-np.pi, np.pi, 2)
