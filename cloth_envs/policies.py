@@ -106,6 +106,13 @@ def hitting(obs: np.ndarray) -> np.ndarray:
     return 3 * (wanted - ball)
 
 
+def skirt(obs: np.ndarray) -> np.ndarray:
+    """Turn the faster the wider the hem should be, and faster still while it is not; stay at the dance's height."""
+    hem, target = obs[..., -2], obs[..., -1]
+    turning = 24 * (target - 0.205) + 10 * (target - hem)
+    return np.stack([turning, -5 * obs[..., -4]], -1)
+
+
 CONTROLLERS = {
     "Curtain": curtain,
     "Flag": flag,
@@ -115,4 +122,5 @@ CONTROLLERS = {
     "BallDrop": ball_drop,
     "Draping": draping,
     "Hitting": hitting,
+    "Skirt": skirt,
 }

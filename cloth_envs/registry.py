@@ -20,10 +20,11 @@ SCENES: dict[str, str] = {
     "BallDrop": "cloth_envs.scenes.ball_drop:BallDrop",
     "Draping": "cloth_envs.scenes.draping:Draping",
     "Hitting": "cloth_envs.scenes.hitting:Hitting",
+    "Skirt": "cloth_envs.scenes.skirt:Skirt",
 }
 
 # Frames of an episode, kept here so that registering with Gymnasium imports no scene.
-EPISODE_FRAMES: dict[str, int] = {name: 250 if name in ("Pressure", "Hanging") else 200 for name in SCENES}
+EPISODE_FRAMES: dict[str, int] = {name: {"Pressure": 250, "Hanging": 250, "Skirt": 400}.get(name, 200) for name in SCENES}
 
 # preset -> scene -> "module:Task class", resolved on use; see cloth_envs.presets.
 PRESETS: dict[str, dict[str, str]] = {

@@ -15,7 +15,7 @@ from cloth_envs.world import World
 SMALL = (9, 9)
 
 
-FOLDING = ("Curtain", "Flag", "Hanging", "BallDrop", "Draping", "Hitting")
+FOLDING = ("Curtain", "Flag", "Hanging", "BallDrop", "Draping", "Hitting", "Skirt")
 
 
 @pytest.mark.parametrize("name", cloth_envs.SCENES)

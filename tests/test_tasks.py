@@ -27,6 +27,7 @@ COARSE = {
     "BallDrop": (33, 33),
     "Draping": (25, 25),
     "Hitting": (25, 25),
+    "Skirt": (25, 52),
 }
 EXAMPLES = Path(__file__).parents[1] / "examples"
 scenes = pytest.mark.parametrize("scene", list(SCENES))
@@ -154,7 +155,7 @@ def test_bang_bang_actions_break_nothing(scene: str) -> None:
 # (docs/scenes.md) on full episodes; here at half the resolution, over 120 frames.
 GAIN = {
     "Curtain": 0.3, "Flag": 0.15, "Collision": 0.25, "Pressure": 0.25, "Hanging": 0.2, "BallDrop": 0.25,
-    "Draping": 0.35, "Hitting": 0.35,
+    "Draping": 0.35, "Hitting": 0.35, "Skirt": 0.15,
 }  # fmt: skip
 
 

@@ -38,6 +38,23 @@ def pleats(grid: Grid, waves: int, ratio: float, side: float) -> np.ndarray:
     return positions
 
 
+def ruffle(grid: Grid, pleats: int, radius: float) -> np.ndarray:
+    """A closed line of the grid's columns whose edges have their rest length, on pleats around a circle, ``(2, W)`` [m].
+
+    ``radius`` [m] is the mean distance from its centre, at most that of the line laid out as a circle. There are fewer
+    ``pleats`` than asked for where one would have less than four columns, and none where that leaves one.
+    """
+    pleats = min(pleats, grid.cols // 4)
+    turns = 2 * np.pi * (np.arange(grid.cols) + 0.5) / grid.cols
+    wave = np.cos(pleats * turns) * (pleats > 1)
+    sharpest = np.linspace(0.0, 2.2, 221)[:, None]
+    edges = np.exp(1j * (turns + sharpest * wave))
+    lines = grid.col_spacing * np.cumsum(edges - edges.mean(1, keepdims=True), 1)
+    lines -= lines.mean(1, keepdims=True)
+    line = lines[np.abs(np.abs(lines).mean(1) - radius).argmin()]
+    return np.roll(np.stack([line.real, line.imag]), 1, 1)
+
+
 def rotation(angle: float, first: int, second: int) -> np.ndarray:
     """Rotation by ``angle`` [rad] from axis ``first`` towards axis ``second``, ``(3, 3)``."""
     matrix = np.eye(3)

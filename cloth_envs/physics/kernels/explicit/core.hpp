@@ -24,6 +24,12 @@ struct Fields {
 template <class T>
 using Lanes = T[kMostLanes<T>];
 
+// The bodies that every kColumns columns of a row may meet: body[first[i]] to body[first[i + 1] - 1] of block i.
+constexpr int kColumns = 8;
+struct Near {
+  std::vector<int> first, body;
+};
+
 // What a substep needs of every lane's cloth.
 template <class T>
 struct StepTerms {
@@ -49,11 +55,14 @@ template <class T>
 struct ExplicitLanes {
   int width;
   // A substep of springs, dampers, gravity, drag, the slow forces and contact with bodies.
-  using Step = void (*)(const Strips<T>&, const Fields<T>&, const StepTerms<T>&, const std::vector<BodyLanes<T>>&);
+  using Step = void (*)(const Strips<T>&, const Fields<T>&, const StepTerms<T>&, const std::vector<BodyLanes<T>>&,
+                        const Near&);
   Step step[2][3];  // [simple material][Part]
   // Bending and the air.
   using Slow = void (*)(const Strips<T>&, const Fields<T>&, const SlowTerms<T>&);
   Slow slow[2][2][2];  // [bending][air][pressure]; none for none
+  // Which bodies are near for some substeps: see near.hpp.
+  void (*near)(const Strips<T>&, const Fields<T>&, const StepTerms<T>&, const std::vector<BodyLanes<T>>&, int, Near&);
   // Of the shear of positions, and of velocities: see shear.hpp.
   T (*slant)(int, int, const T*);
   T (*apart)(int, int, const T*);
