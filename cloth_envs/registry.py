@@ -24,7 +24,9 @@ SCENES: dict[str, str] = {
 }
 
 # Frames of an episode, kept here so that registering with Gymnasium imports no scene.
-EPISODE_FRAMES: dict[str, int] = {name: {"Pressure": 250, "Hanging": 250, "Skirt": 400}.get(name, 200) for name in SCENES}
+EPISODE_FRAMES: dict[str, int] = {
+    name: {"Pressure": 250, "Hanging": 250, "Skirt": 400}.get(name, 200) for name in SCENES
+}
 
 # preset -> scene -> "module:Task class", resolved on use; see cloth_envs.presets.
 PRESETS: dict[str, dict[str, str]] = {
@@ -42,6 +44,7 @@ PRESETS: dict[str, dict[str, str]] = {
     "chen2020": {
         "Draping": "cloth_envs.presets.chen2020:Draping2020",
         "Hitting": "cloth_envs.presets.chen2020:Hitting2020",
+        "Skirt": "cloth_envs.presets.chen2020:Skirt2020",
     },
 }
 

@@ -23,12 +23,13 @@ class Motion:
     def __init__(self, positions: np.ndarray, fps: float, *, loops: bool = False) -> None:
         self.loops, self.duration = loops, (len(positions) - 1) / fps
         times = np.arange(len(positions)) / fps
-        self._spline = CubicSpline(times, np.asarray(positions, float), bc_type="periodic" if loops else "clamped")
+        self._place = CubicSpline(times, np.asarray(positions, float), bc_type="periodic" if loops else "clamped")
+        self._speed = self._place.derivative()
 
-    def at(self, time: np.ndarray) -> np.ndarray:
-        """Positions ``(B, J, 3)`` [m] at ``time`` ``(B,)`` [s]."""
-        found: np.ndarray = self._spline(time if self.loops else np.clip(time, 0.0, self.duration))
-        return found
+    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions [m] and velocities [m/s] ``(B, J, 3)`` at ``time`` ``(B,)`` [s]."""
+        time = time if self.loops else np.clip(time, 0.0, self.duration)
+        return self._place(time), self._speed(time)
 
 
 def read_motion(path: str | Path, name: str) -> Motion:

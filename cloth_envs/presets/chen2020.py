@@ -1,12 +1,14 @@
-"""The tablecloths of Chen et al. 2020 (multi-feature super-resolution) as presets of Draping and Hitting.
+"""The scenes of Chen et al. 2020 (multi-feature super-resolution) as presets of Draping, Hitting and Skirt.
 
 Stated there: 13 sequences of 400 frames of a tablecloth that is held at one of its topmost vertices, drawn at random,
 and falls freely, of which 10 are for training; 35 of 1000 of spheres of several radii that hit a tablecloth back and
 forth at several places, one of 0.5 m across among those of testing alone; fine cloths of 11,393 vertices, coarse ones
-of 749. Not stated, so our reading: a cloth of 1 x 1 m with frames of 40 ms, 109 x 105 (11,445) and, at a factor of 4,
+of 749; 7 dances of 30,000 frames together, recorded ones that are 8 times as slow, in skirts of 19,798 and 1,303
+vertices. Not stated, so our reading: a cloth of 1 x 1 m with frames of 40 ms, 109 x 105 (11,445) and, at a factor of 4,
 28 x 27 (756) vertices; the package's default cloth for its "Gray Interlock"; a vertex is as much cloth as holds it in
 ``Draping``, since one vertex of so fine a grid would be torn out; how the second cloth hangs; the radii, places and
-periods, and which sequences are for testing (the last ones).
+periods, and which sequences are for testing (the last ones); a skirt of 0.75 m, 1.6 m around, of 97 x 208 (20,176) and
+25 x 52 (1,300) vertices. Its dances are the user's to name (``read_motion``), the built-in one is the default.
 """
 
 from collections.abc import Mapping
@@ -14,10 +16,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from cloth_envs.figure.motion import read_motion
 from cloth_envs.presets.ball_path import BallPath, to_and_fro
 from cloth_envs.scene import Scene
 from cloth_envs.scenes.draping import Draping
 from cloth_envs.scenes.hitting import CLIPS, HUNG, Hitting
+from cloth_envs.scenes.skirt import Skirt
 from cloth_envs.scenes.starts import pleats
 from cloth_envs.scenes.task import Start, Task
 
@@ -28,6 +32,7 @@ RADII, TEST_RADIUS = (0.1, 0.15, 0.2, 0.3), 0.25  # m
 END = 0.7  # m, how far from the cloth's plane the sphere turns
 CROSSING_X, CROSSING_Z = 0.35, (-0.85, -0.35)  # m, most aside and the heights below the upper edge where it crosses
 PERIODS = (2.5, 4.5)  # s, there and back
+TEMPO = 0.125  # of the recorded dances
 
 
 class Chen2020(Task):
@@ -142,3 +147,47 @@ class Hitting2020(Chen2020, BallPath, Hitting):
         ball, _ = self.path(np.zeros(1))
         aim = self.aim(positions, -np.sign(self.end), rng)
         return Start(positions, np.zeros_like(positions), np.tile(ball, (1, 2, 1)), aim)
+
+
+class Skirt2020(Skirt):
+    """
+    ## Description
+    `Skirt` after Chen et al. 2020, of 97 x 208 vertices, its dance 8 times as slow.
+
+    ## Action Space
+    As in `Skirt`. With zero actions the dancer keeps to the dance.
+
+    ## Arguments
+    `preset="chen2020"`, or `preset={"name": "chen2020", "tempo": 0.5, "motion": "motions.h5:dance"}`: how fast the
+    dance is (0.125), and a recorded one by file and name in place of the built-in one; see `cloth_envs.figure.motion`.
+    `resolution=(25, 52)` is the coarse skirt.
+
+    All else is as in `Skirt`.
+    """
+
+    resolution = (97, 208)
+    options: ClassVar[Mapping[str, float | str]] = {"tempo": TEMPO, "motion": ""}
+    tempo = TEMPO
+
+    @classmethod
+    def with_options(cls, **options: Any) -> type[Task]:
+        """The task with another tempo or motion.
+
+        Raises:
+            ValueError: a tempo that is not positive, or a motion that is no ``FILE:NAME`` or not there.
+        """
+        chosen = {**cls.options, **options}
+        if not chosen["tempo"] > 0:
+            raise ValueError(f"preset 'chen2020' needs a positive tempo, got {chosen['tempo']!r}")
+        motion = cls.motion
+        if chosen["motion"]:
+            path, _, name = chosen["motion"].rpartition(":")
+            try:
+                motion = read_motion(path, name)
+            except OSError as error:
+                raise ValueError(
+                    f"preset 'chen2020' needs a file and a name as motion, such as 'motions.h5:dance', got "
+                    f"{chosen['motion']!r}: {error}"
+                ) from error
+        made = {"options": chosen, "motion": motion, "tempo": chosen["tempo"], "__doc__": cls.__doc__}
+        return type(cls.__name__, (cls,), made)

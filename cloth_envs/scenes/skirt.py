@@ -93,39 +93,33 @@ class Skirt(Task):
             self_contact=SelfContact(),
         )
 
-    @classmethod
-    def dancing(cls, motion: Motion, tempo: float = 1.0) -> type[Task]:
-        """The task with another motion, ``tempo`` times as fast as it is."""
-        return type(cls.__name__, (cls,), {"motion": motion, "tempo": tempo, "__doc__": cls.__doc__})
-
-    def joints(self, time: np.ndarray, begin: np.ndarray) -> np.ndarray:
-        """Where they are at ``time`` of dances from ``begin`` on, both ``(B,)`` [s]; ``(B, J, 3)`` [m]."""
-        first = self.motion.at(begin)
+    def joints(self, time: np.ndarray, begin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions [m] and velocities [m/s] ``(B, J, 3)`` at ``time`` of dances from ``begin`` on, ``(B,)`` [s]."""
+        danced, speed = self.motion.at(begin + self.tempo * np.maximum(time - SETTLE, 0.0))
+        speed = self.tempo * speed
+        at = np.clip((time - SETTLE) / BLEND, 0.0, 1.0)[:, None, None]
+        if (at == 1.0).all():
+            return danced, speed
+        first, _ = self.motion.at(begin)
         upright = _turned(np.broadcast_to(self.standing, first.shape), _heading(first)) + first[:, [body.PELVIS]]
-        at = np.clip((time - SETTLE) / BLEND, 0.0, 1.0)
-        share = (at**3 * (10 - 15 * at + 6 * at * at))[:, None, None]
-        return (1 - share) * upright + share * self.motion.at(begin + self.tempo * np.maximum(time - SETTLE, 0.0))
+        share, rate = at**3 * (10 - 15 * at + 6 * at * at), 30 * (at * (1 - at)) ** 2 / BLEND
+        return upright + share * (danced - upright), share * speed + rate * (danced - upright)
 
-    def posed(
-        self, time: np.ndarray, begin: np.ndarray, turn: np.ndarray, height: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def posed(self, joints: np.ndarray, turn: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The waistband ``(B, W, 3)`` and the capsules ``(B, C, 2, 3)`` [m] of dancers who are turned and raised."""
-        joints = self.joints(time, begin)
-        middle = joints[:, [body.PELVIS]].copy()
-        middle[..., 2] = 0.0
-        joints = _turned(joints - middle, turn) + middle
-        joints[..., 2] += height[:, None]
-        band = np.einsum("bki,kw->bwi", body.hips_frame(joints), self.band) + joints[:, [body.PELVIS]]
+        middle = joints[:, [body.PELVIS]] * [1.0, 1.0, 0.0]
+        joints = _turned(joints - middle, turn) + middle + height[:, None, None] * [0.0, 0.0, 1.0]
+        band = joints[:, [body.PELVIS]] + self.band.T @ body.hips_frame(joints)
         return band, body.ends(joints)
 
     def start(self, rng: np.random.Generator) -> Start:
         begin = np.array([rng.uniform(0.0, self.motion.duration) if self.motion.loops else 0.0])
         turn = rng.uniform(-np.pi, np.pi, 1)
-        joints = self.joints(np.zeros(1), begin)[0]
-        positions = _turned(self.hung().reshape(1, 3, -1).transpose(0, 2, 1), turn + _heading(joints[None]))
-        positions = (positions + joints[body.PELVIS]).transpose(0, 2, 1).reshape(3, *self.scene.grid.shape)
-        band, bodies = self.posed(np.zeros(1), begin, turn, np.zeros(1))
-        positions[:, 0] = band[0].T
+        joints, _ = self.joints(np.zeros(1), begin)
+        hung = self.hung().reshape(1, 3, -1).transpose(0, 2, 1)
+        positions = _turned(hung, turn + _heading(joints)) + joints[:, [body.PELVIS]]
+        positions = positions[0].T.reshape(3, *self.scene.grid.shape)
+        _, bodies = self.posed(joints, turn, np.zeros(1))
         memory = {"begin": begin[0], "target": np.array(rng.uniform(*TARGET))}
         return Start(positions, np.zeros_like(positions), bodies[0], memory)
 
@@ -141,28 +135,22 @@ class Skirt(Task):
         return np.concatenate([level, height[None]])
 
     def apart(self, episode: Episode) -> tuple[np.ndarray, ...]:
-        """By how much a dancer is turned [rad] and raised [m] besides the dance, and how fast, ``(B,)`` each."""
-        state, still = episode.state, np.zeros(len(episode.action))
-        ends, speeds = (field[:, 0].astype(float) for field in (state.colliders, state.collider_velocities))
-        before, place, after = (
-            self.posed(state.time + ahead, episode.memory["begin"], still, still)[1][:, 0]
-            for ahead in (-SHORT, 0.0, SHORT)
-        )
-        speed = (after - before) / (2 * SHORT)
-        (angle, rate), (danced, dance_rate) = (
-            _angle(line[:, 1] - line[:, 0], change[:, 1] - change[:, 0])
-            for line, change in ((ends, speeds), (place, speed))
-        )
-        return angle - danced, rate - dance_rate, (ends - place)[..., 2].mean(1), (speeds - speed)[..., 2].mean(1)
+        """By how much a dancer is turned [rad], how fast, raised [m] and how fast besides the dance, ``(B,)`` each."""
+        state = episode.state
+        hips = [field[:, 0].astype(float) for field in (state.colliders, state.collider_velocities)]
+        danced = [field[:, body.HIPS] for field in self.joints(state.time, episode.memory["begin"])]
+        (angle, rate), (own, own_rate) = (_angle(*(at[:, 1] - at[:, 0] for at in pair)) for pair in (hips, danced))
+        height, rising = ((mine - theirs)[..., 2].mean(1) for mine, theirs in zip(hips, danced, strict=True))
+        return angle - own, rate - own_rate, height, rising
 
     def controls(self, episode: Episode) -> Controls:
-        turn, rate, height, speed = (part[:, None] for part in self.apart(episode))
+        turn, rate, height, rising = (part[:, None] for part in self.apart(episode))
         turned, rate = self.drive(turn, rate, episode.action[:, :1])
-        raised, speed = self.lift(height, speed, episode.action[:, 1:])
-        time, begin = episode.state.time + self.frame_dt, episode.memory["begin"]
-        moved = turn + turned, height + raised
+        raised, rising = self.lift(height, rising, episode.action[:, 1:])
+        turn, height = turn + turned, height + raised
+        joints, speed = self.joints(episode.state.time + self.frame_dt, episode.memory["begin"])
         before, now, after = (
-            self.posed(time + ahead, begin, (moved[0] + ahead * rate)[:, 0], (moved[1] + ahead * speed)[:, 0])
+            self.posed(joints + ahead * speed, (turn + ahead * rate)[:, 0], (height + ahead * rising)[:, 0])
             for ahead in (-SHORT, 0.0, SHORT)
         )
         controls = self.hold(episode)
@@ -204,6 +192,6 @@ def _heading(joints: np.ndarray) -> np.ndarray:
 
 
 def _angle(line: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The angle from x to level lines ``(B, 3)`` [rad] and the rate at which it grows, where they change by ``speed``."""
+    """The angle from x to level lines ``(B, 3)`` [rad], and the rate at which it grows as they change by ``speed``."""
     square = np.square(line[:, :2]).sum(1) + 1e-12
     return np.arctan2(line[:, 1], line[:, 0]), (line[:, 0] * speed[:, 1] - line[:, 1] * speed[:, 0]) / square

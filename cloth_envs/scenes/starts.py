@@ -39,7 +39,7 @@ def pleats(grid: Grid, waves: int, ratio: float, side: float) -> np.ndarray:
 
 
 def ruffle(grid: Grid, pleats: int, radius: float) -> np.ndarray:
-    """A closed line of the grid's columns whose edges have their rest length, on pleats around a circle, ``(2, W)`` [m].
+    """A closed line of the grid's columns, in pleats around a circle, every edge at rest length; ``(2, W)`` [m].
 
     ``radius`` [m] is the mean distance from its centre, at most that of the line laid out as a circle. There are fewer
     ``pleats`` than asked for where one would have less than four columns, and none where that leaves one.

@@ -116,6 +116,20 @@ def contact(
     return x1, v + stop * n - hold * sliding
 
 
+def all_contact(
+    scene: Scene, x: Tensor, after: Tensor, v: Tensor, bodies: Tensor, moved: Tensor, dt: float
+) -> tuple[Tensor, Tensor]:
+    """Positions ``after`` a step from ``x`` and velocities, flat, out of all bodies: see ``laws.bodies``."""
+    before, now, v = (a.flatten(2) for a in (x, after, v))
+    for i, body in enumerate(scene.colliders):
+        turn = spin(body, bodies, moved, i)
+        now, v = contact(body, before, now, v, bodies[:, i], moved[:, i], scene.thickness, dt, turn)
+    for _ in range(SWEEPS if len(scene.colliders) > 1 else 0):
+        for i, body in enumerate(scene.colliders):
+            now = leave(body, now, moved[:, i], scene.thickness)
+    return now, v
+
+
 def frame(
     cell: SheetCell, scene: Scene, sheets: Mapping[str, Tensor], x: Tensor, v: Tensor, start: State, controls: Controls,
     substeps: int, hold: int = 1, forces: Sequence[Force] = (),
@@ -167,13 +181,7 @@ def frame(
             end, step = (k + 0.5) / substeps, h / 2
         after = x + step * v
         moved: Tensor = hermite(end, dt, *cubic)[0]  # type: ignore[arg-type, assignment]
-        for i, body in enumerate(scene.colliders):
-            given = x.flatten(2), after.flatten(2), v.flatten(2), bodies[:, i], moved[:, i]
-            turn = spin(body, bodies, moved, i)
-            after, v = (a.reshape(shape) for a in contact(body, *given, scene.thickness, step, turn))
-        for _ in range(SWEEPS if len(scene.colliders) > 1 else 0):
-            for i, body in enumerate(scene.colliders):
-                after = leave(body, after.flatten(2), moved[:, i], scene.thickness).reshape(shape)
+        after, v = (a.reshape(shape) for a in all_contact(scene, x, after, v, bodies, moved, step))
         bodies = moved
         if k < substeps:
             x = after

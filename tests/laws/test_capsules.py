@@ -68,7 +68,7 @@ def test_a_capsule_that_spins_takes_the_cloth_round(solver: type) -> None:
         for frame in range(frames):
             controls, angle = Controls.hold(state, ()), rate * (frame + 1) * scene.frame_dt
             end = 0.1 * np.array([np.cos(angle), 0, -np.sin(angle)])
-            controls.colliders[0, 1, 1] = [0, 0, -1.0] + end
+            controls.colliders[0, 1, 1] = end - [0, 0, 1.0]
             controls.collider_velocities[0, 1, 1] = np.cross([0, rate, 0], end)
             now = made.advance(controls)
         ways.append((now.positions - x)[0, 0, 7].mean())

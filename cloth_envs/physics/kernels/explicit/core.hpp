@@ -1,6 +1,7 @@
 // The explicit solver: frames of velocity Verlet substeps for a batch of cloths; bending and the air, which change
 // slowly, are computed every few of them.
 #pragma once
+#include <cstdint>
 #include <utility>
 #include <vector>
 
@@ -24,10 +25,12 @@ struct Fields {
 template <class T>
 using Lanes = T[kMostLanes<T>];
 
-// The bodies that every kColumns columns of a row may meet: body[first[i]] to body[first[i + 1] - 1] of block i.
-constexpr int kColumns = 8;
+// Which bodies the vertices of a vector may meet in the next substeps: of every row and column a bit for each body,
+// the same for every kBits-th.
+constexpr int kBits = 64;
 struct Near {
-  std::vector<int> first, body;
+  std::vector<std::uint64_t> bodies;
+  std::vector<int> block;  // those near some columns
 };
 
 // What a substep needs of every lane's cloth.

@@ -102,7 +102,9 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
       set_pulls<T>(arrive + (cols - 1) * w, down_before);
     }
     if constexpr (kPart == Part::kBodies)
-      if (r) keep_out(bodies, near, *moving, p, cols, f.x + s.at(r, 0), f.v + s.at(r, 0), row);
+      if (r)
+        keep_out(bodies, near.bodies.data() + std::size_t(r) * cols, *moving, p, cols, f.x + s.at(r, 0),
+                 f.v + s.at(r, 0), row);
   }
   // The first row waited: what arrives there comes from the last row of the band before.
   const V<T> inner = accelerate * load(s.inverse_area.data()), fall = load(p.gravity_kick) * load(s.inside.data());
@@ -114,7 +116,7 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
     move(y0, get<T>(y0 + to_x), all, border ? T(2) * inner : inner, fall);
   }
   if constexpr (kPart == Part::kBodies)
-    keep_out(bodies, near, *moving, p, cols, f.x + s.at(0, 0), f.v + s.at(0, 0), f.y + s.at(0, 0));
+    keep_out(bodies, near.bodies.data(), *moving, p, cols, f.x + s.at(0, 0), f.v + s.at(0, 0), f.y + s.at(0, 0));
   if constexpr (kPart == Part::kLast)
     if (!bodies.empty()) rest(s, f, p, bodies, near);
 }

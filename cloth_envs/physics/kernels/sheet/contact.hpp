@@ -57,6 +57,27 @@ struct Moving {
         friction(V<T>{} + b.friction) {}
 };
 
+// From positions to the nearest point of a round body's axis.
+template <class T>
+inline V3<T> off_axis(const Moving<T>& m, const V3<T>& x) {
+  const V3<T> p = x - m.after;
+  if (m.shape == Shape::kSphere) return p;
+  const V<T> none = {}, along = dot(p, m.axis) * m.over_axis2;
+  return p - (along < T(0) ? none : (along > T(1) ? none + T(1) : along)) * m.axis;
+}
+
+// The squared distance from there, or from the plane where that is positive.
+template <class T>
+inline V<T> distance2(const Moving<T>& m, const V3<T>& x) {
+  const V<T> none = {};
+  if (m.shape != Shape::kPlane) {
+    const V3<T> off = off_axis(m, x);
+    return dot(off, off);
+  }
+  const V<T> gap = dot(m.axis, x - m.after);
+  return gap < T(0) ? none : gap * gap;
+}
+
 // Whether vertices that a step took by `way` to x may touch; some that do not pass.
 template <class T>
 inline bool may_touch(const Moving<T>& m, const V3<T>& x, const V3<T>& way) {
@@ -68,27 +89,22 @@ inline bool may_touch(const Moving<T>& m, const V3<T>& x, const V3<T>& way) {
     const V3<T> d = way - m.moved;
     return any<T>(dot(p, p) < m.radius2 + T(1.01) * dot(d, d));
   }
-  // From the axis it is at most R and twice the ways of vertex and ends, and (R + m)^2 < 1.1 R^2 + 11 m^2.
-  const V<T> none = {}, along = dot(p, m.axis) * m.over_axis2;
-  const V<T> t = along < T(0) ? none : (along > T(1) ? none + T(1) : along);
-  const V3<T> off = p - t * m.axis;
-  return any<T>(dot(off, off) < T(1.1) * m.radius2 + T(88) * (dot(way, way) + m.far));
+  // p and p - d are from the nearest points of a capsule's axis, which go no further than vertex and ends together.
+  const V3<T> off = off_axis(m, x);
+  return any<T>(dot(off, off) < m.radius2 + T(8.1) * (dot(way, way) + m.far));
 }
 
 // Positions that are deep inside a body, put onto its surface; whether any was.
 template <class T>
 inline bool leave(const Moving<T>& m, V3<T>& x) {
   const V<T> none = {};
-  V3<T> off = x - m.after;
+  V3<T> off = m.axis;
   V<T> push;
   if (m.shape == Shape::kPlane) {
-    const V<T> gap = dot(m.axis, off) - m.radius;
-    push = gap < -T(kDeep) ? -gap : none, off = m.axis;
+    const V<T> gap = dot(m.axis, x - m.after) - m.radius;
+    push = gap < -T(kDeep) ? -gap : none;
   } else {
-    if (m.shape == Shape::kCapsule) {
-      const V<T> along = dot(off, m.axis) * m.over_axis2;
-      off = off - (along < T(0) ? none : (along > T(1) ? none + T(1) : along)) * m.axis;
-    }
+    off = off_axis(m, x);
     const V<T> square = dot(off, off), most = m.radius - T(kDeep);
     const auto deep = (most > none) & (square < most * most);
     push = deep ? m.radius * rsqrt(square + tiny<T>) - T(1) : none;
