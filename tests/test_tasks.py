@@ -27,7 +27,7 @@ COARSE = {
     "BallDrop": (33, 33),
     "Draping": (25, 25),
     "Hitting": (25, 25),
-    "Skirt": (25, 52),
+    "Skirt": (17, 32),
 }
 EXAMPLES = Path(__file__).parents[1] / "examples"
 scenes = pytest.mark.parametrize("scene", list(SCENES))

@@ -125,8 +125,11 @@ def all_contact(
         turn = spin(body, bodies, moved, i)
         now, v = contact(body, before, now, v, bodies[:, i], moved[:, i], scene.thickness, dt, turn)
     for _ in range(SWEEPS if len(scene.colliders) > 1 else 0):
+        last = now
         for i, body in enumerate(scene.colliders):
             now = leave(body, now, moved[:, i], scene.thickness)
+        if now.device.type == "cpu" and torch.equal(now, last):  # a device would have to be waited for
+            break
     return now, v
 
 

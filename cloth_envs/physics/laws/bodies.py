@@ -25,8 +25,11 @@ def resolve_contact(
         turn = spin(body, bodies, moved, number)
         x1, v = resolve_body(body, x0, x1, v, bodies[:, number], moved[:, number], scene.thickness, h, turn)
     for _ in range(SWEEPS if len(scene.colliders) > 1 else 0):
+        last = x1
         for number, body in enumerate(scene.colliders):
             x1 = leave(body, x1, moved[:, number], scene.thickness)
+        if np.array_equal(x1, last):
+            break
     now.positions, now.velocities = x1.reshape(shape), v.reshape(shape)
 
 
