@@ -92,6 +92,13 @@ def hitting(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return _act(weights, x, [*y, side], z)
 
 
+def skirt(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Turning by the target, what the hem misses of it and the present rate; rising by height and speed."""
+    turning, height, rising, hem, target = obs[:, -5:].T
+    missing, wide = 20 * (target - hem), 20 * (target - 0.2)
+    return _act(weights, [missing, wide, turning / 6, np.ones(len(obs))], [5 * height, 2 * rising, missing])
+
+
 class Form(NamedTuple):
     """A policy's function and how many weights it has."""
 
@@ -108,6 +115,7 @@ FORMS: Mapping[str, Form] = {
     "BallDrop": Form(ball_drop, 5),
     "Draping": Form(draping, 6),
     "Hitting": Form(hitting, 10),
+    "Skirt": Form(skirt, 7),
 }
 
 
