@@ -27,6 +27,10 @@ class Backend(Protocol):
     usual a member is stepped, and why: ``info["surrogate"]`` of the reset. ``measured_error`` ``(B,)`` may tell, after
     a frame, how far each cloth was found to be from the reference [% of its length], NaN where it was not: ``info``
     has it.
+
+    One with a ``torch.device`` as its ``device`` has tensors there in place of arrays: all fields of ``state``, which
+    ``advance`` makes anew, and of ``controls``, in the same types; ``reset`` takes either. ``State.health`` is then a
+    tensor ``(B, 3)`` float32 with 1 for finite.
     """
 
     scene: Scene
@@ -61,6 +65,40 @@ class Backend(Protocol):
     def advance(self, controls: Controls) -> State:
         """One frame of ``scene.frame_dt`` for the whole batch."""
         ...
+
+
+def device_of(backend: Any) -> Any:
+    """The ``torch.device`` on which a backend's arrays are tensors; None where they are NumPy's."""
+    device = getattr(backend, "device", None)
+    return device if hasattr(device, "type") else None
+
+
+class Stateful:
+    """The present state of a backend, as ``Backend`` has it."""
+
+    _state: State | None = None
+
+    @property
+    def state(self) -> State:
+        """The present state of the whole batch. Raises RuntimeError: there is none before ``reset``."""
+        if self._state is None:
+            raise RuntimeError("there is no cloth yet: call reset(state) first")
+        return self._state
+
+    def _begin(self, state: State, which: Sequence[int] | None) -> None:
+        """Make ``state`` the present one, or of the present one those members; callers pass a copy."""
+        if which is None:
+            self._state = state
+        else:
+            self._state = self.state.copy()
+            self._state.assign(list(which), state)
+
+
+def check_material(backend: Backend, material: Material) -> None:
+    """Refuse what a backend says that it can't step. Raises ValueError: see ``Backend``."""
+    check = getattr(backend, "check_material", None)
+    if check is not None:
+        check(material)
 
 
 # What makes a backend: a class or function ``(scene, *, num_envs, **options)``, whose other options have defaults.

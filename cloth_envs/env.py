@@ -134,14 +134,14 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         chosen = read_actions(action, self.world.action_space.shape, self.world.task.actions)
         rewards, reasons = self.world.advance(chosen[None])
         observation = self._observation()
-        info: dict[str, Any] = {} if reasons[0] is None else {"failure": reasons[0]}
+        info: dict[str, Any] = {"failure": reasons[0]} if reasons else {}
         if self.world.guarded[0]:
             info["guard"] = True
         if crossings := int(self.world.crossings[0]):
             info["crossings_at_start"] = crossings
         if not np.isnan(error := self.world.measured_error[0]):
             info["measured_error"] = float(error)
-        return observation, float(rewards[0]), reasons[0] is not None, False, info
+        return observation, float(rewards[0]), bool(reasons), False, info
 
     def _observation(self) -> Any:
         return member(self.world.observe(), 0)

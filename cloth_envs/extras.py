@@ -18,6 +18,7 @@ def in_checkout() -> bool:
 EXTRAS = {
     "PIL": "render",
     "cholespy": "implicit",
+    "cupy": "gpu",
     "imageio": "render",
     "imageio_ffmpeg": "render",
     "matplotlib": "render",

@@ -24,18 +24,20 @@ class Failures:
     def __init__(self, scene: Scene, max_strain: float = MAX_STRAIN) -> None:
         self.grid, self.max_strain = scene.grid, max_strain
 
-    def check(self, before: State, after: State) -> list[str | None]:
-        """The reason for each member of the batch, or None."""
+    def check(self, before: State, after: State) -> dict[int, str]:
+        """The reason of each member of the batch that has failed."""
         now = after.health or find(self.grid, after)
         for finite, strain, kinetic in now:
             if not (finite and strain <= self.max_strain and kinetic <= MAX_ENERGY_JUMP):
                 break
         else:
-            return [None] * len(now)
+            return {}
         then = before.health or find(self.grid, before)
-        return [self._reason(a[0], a[1], a[2] - b[2]) for a, b in zip(now, then, strict=True)]
+        found = (self.reason(a[0], a[1], a[2] - b[2]) for a, b in zip(now, then, strict=True))
+        return {i: reason for i, reason in enumerate(found) if reason}
 
-    def _reason(self, finite: bool, strain: float, gained: float) -> str | None:
+    def reason(self, finite: bool, strain: float, gained: float) -> str | None:
+        """Why a cloth has failed of this strain that gained so much energy [J/kg] in a frame, or None."""
         if not finite:
             return "non-finite"
         if strain > self.max_strain:

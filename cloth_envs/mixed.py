@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from cloth_envs.backend import Backend
+from cloth_envs.backend import Backend, Stateful, check_material
 from cloth_envs.choice import spans
 from cloth_envs.failure import find
 from cloth_envs.material import Material
@@ -13,7 +13,7 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import Cloth, Controls, Health, LazyState, State
 
 
-class MixedBackend:
+class MixedBackend(Stateful):
     """Backends that each step their members of a batch of B, as one.
 
     The cloths stay lazy: those of a part are computed when the batch's are read.
@@ -28,14 +28,6 @@ class MixedBackend:
         self.parts = [(np.array(members), backend) for members, backend in parts]
         self.num_envs = sum(len(members) for members, _ in self.parts)
         self.self_contact = all(getattr(backend, "self_contact", False) for _, backend in self.parts)
-        self._state: State | None = None
-
-    @property
-    def state(self) -> State:
-        """The present state of the whole batch."""
-        if self._state is None:
-            raise RuntimeError("there is no cloth yet: call reset(state) first")
-        return self._state
 
     @property
     def memory(self) -> dict[str, np.ndarray]:
@@ -75,9 +67,7 @@ class MixedBackend:
     def check_material(self, material: Material) -> None:
         """Refuse what one of the parts can't step. Raises ValueError: see ``Backend``."""
         for _, backend in self.parts:
-            check = getattr(backend, "check_material", None)
-            if check is not None:
-                check(material)
+            check_material(backend, material)
 
     def reset(
         self, state: State, materials: Sequence[Material] | None = None, which: Sequence[int] | None = None

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from array_api_compat import array_namespace
 from gymnasium import spaces
 
 from cloth_envs.arguments import one_of
@@ -18,33 +19,32 @@ class Observer:
     """Observations of one ``kind``: ``"keypoints"``, a flat Box, or ``"mesh"``, a Dict with the geometry image.
 
     Attributes:
-        space: of one member.
+        task: what the numbers are of. space: of one member.
 
     Raises:
         ValueError: another kind; the nearest match is named.
     """
 
     def __init__(self, task: Task, kind: str) -> None:
-        self._task, self._mesh = task, one_of("observation", kind, KINDS) == "mesh"
+        self.task, self._mesh = task, one_of("observation", kind, KINDS) == "mesh"
         n, k = len(task.keypoints), len(task.extras)
         bounds = [POSITION_BOUND, VELOCITY_BOUND, task.extras_bound]
         bound = self._bound = np.repeat(np.array(bounds, np.float32), [3 * n, 3 * n, k])
         self.space: spaces.Space[Any] = spaces.Box(-bound, bound, dtype=np.float32)
         if self._mesh:
-            limit = np.repeat(np.array(bounds[:2], np.float32), 3)
-            self._limit = np.broadcast_to(limit[:, None, None], (6, *task.scene.grid.shape))
-            limits = {"mesh": self._limit, "task": bound[-k:]}
+            self._limit = np.repeat(np.array(bounds[:2], np.float32), 3)[:, None, None]
+            limits = {"mesh": np.broadcast_to(self._limit, (6, *task.scene.grid.shape)), "task": bound[-k:]}
             self.space = spaces.Dict({name: spaces.Box(-b, b, dtype=np.float32) for name, b in limits.items()})
 
     def __call__(self, episode: Episode) -> Any:
         """Observations of the batch, freshly allocated, in ``space`` with a leading axis."""
-        state, extras = episode.state, self._task.observe(episode)
+        state, extras = episode.state, self.task.observe(episode)
         if self._mesh:
-            mesh = np.concatenate([state.positions, state.velocities], 1)
-            np.clip(mesh, -self._limit, self._limit, out=mesh)
-            limit = self._task.extras_bound
-            return {"mesh": mesh, "task": np.clip(extras, -limit, limit).astype(np.float32)}
-        return gather(state.positions, state.velocities, self._task.keypoints, extras, self._bound)
+            xp = array_namespace(extras)
+            mesh = xp.concat([xp.astype(field, xp.float32) for field in (state.positions, state.velocities)], axis=1)
+            limit = self.task.extras_bound
+            return {"mesh": mesh.clip(-self._limit, self._limit), "task": extras.clip(-limit, limit)}
+        return gather(state.positions, state.velocities, self.task.keypoints, extras, self._bound)
 
 
 def member(observations: Any, i: int) -> Any:

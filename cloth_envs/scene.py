@@ -95,6 +95,7 @@ class Scene:
         particles: the cloth is this net of particles instead of a sheet; ``material`` is then only its nearest
             sheet, ``pressure`` the ``p`` of ``p sum r_a x r_b`` [Pa] over four pairs of neighbours, and contact
             has no thickness.
+        driven_by: the task that starts and drives it, ``module:Class``, where that is none of this package.
     """
 
     name: str
@@ -110,6 +111,7 @@ class Scene:
     gravity: float = GRAVITY
     particles: Particles | None = None
     self_contact: SelfContact | None = None
+    driven_by: str = ""
 
     def with_material(self, material: Material) -> "Scene":
         return replace(self, material=material)

@@ -94,9 +94,8 @@ class Snapshot:
 
     def _identity(self) -> str:
         """What must be equal where a state is taken back, whatever the material; JSON."""
-        parts = {
-            n: value for n, value in asdict(self.scene).items() if n not in ("material", "handles", "grips", "name")
-        }
+        others = ("material", "handles", "grips", "name", "driven_by")
+        parts = {n: value for n, value in asdict(self.scene).items() if n not in others}
         return json.dumps({"scene": self.scene.name, "task": self.task.__name__, **parts})
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:

@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 
 from cloth_envs import folds
 from cloth_envs.arguments import as_whole, check_mask, check_reset_options, check_seeds, one_of, whole_number
-from cloth_envs.backend import keywords, plain_words
+from cloth_envs.backend import device_of, keywords, plain_words
 from cloth_envs.choice import Choice, as_lists, choices
 from cloth_envs.naming import counted
 from cloth_envs.observation import member
@@ -23,6 +23,7 @@ from cloth_envs.snapshot import check_array
 from cloth_envs.state import State
 from cloth_envs.world import World
 
+OUTPUTS = ("numpy", "torch")
 _MODES = {mode.value: mode for mode in AutoresetMode}
 
 
@@ -35,6 +36,9 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         num_envs: members.
         max_episode_steps: frames until truncation; None or -1 for no limit.
         autoreset_mode: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"`` (or Gymnasium's ``AutoresetMode``).
+        output: ``"numpy"``, or ``"torch"``: observations, rewards and both flags are tensors, of a backend on a device,
+            such as ``backend="cnn"`` with ``{"device": "cuda"}``. Such a backend's controls, rewards and observations
+            are computed there either way; actions may be a tensor.
         backend, backend_kwargs: as of ``ClothEnv``, or a list with one for each member, such as
             ``["miniature"] * 31 + ["reference"]`` and ``[{"factor": 4}] * 31 + [{}]``. A backend that takes ``threads``
             gets as many as processors are at hand.
@@ -51,6 +55,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         num_envs: int = 1,
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        output: str = "numpy",
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
@@ -61,13 +66,19 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         num_envs = whole_number("num_envs", num_envs)
         name = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
         self.autoreset_mode = _MODES[one_of("autoreset_mode", name, _MODES)]
+        self._tensors = one_of("output", output, OUTPUTS) == "torch"
         self._limit = _limit(max_episode_steps)
         threads = min(
             num_envs, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
         )
         chosen = choices(options.get("backend", "reference"), options.get("backend_kwargs"), num_envs)
         options |= as_lists([_threaded(choice, threads) for choice in chosen])
-        self.world = World(scene, num_envs=num_envs, **options)
+        self.world = _on_its_device(World(scene, num_envs=num_envs, **options))
+        if self._tensors and self.world.device is None:
+            raise ValueError(
+                f'output="torch" needs one backend on a device, such as backend="cnn", '
+                f'backend_kwargs={{"device": "cuda"}}, got {self.world.title}, which has NumPy arrays: leave output out'
+            )
         if options.get("resolution") is not None:
             folds.warn_coarse(self.world.scene)
         self.num_envs = num_envs
@@ -98,8 +109,8 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
 
     @property
     def state(self) -> State:
-        """The present batched state; read only."""
-        return self.world.state.read_only()
+        """The present batched state; read only. In tensors, with ``output="torch"``."""
+        return self.world.state if self._tensors else self.world.read_only()
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -118,7 +129,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             if seeds[i] is not None or self.world.rngs[i] is None:
                 self.world.rngs[i], _ = seeding.np_random(seeds[i])
         self._start(np.flatnonzero(mask))
-        return self.world.observe(), self._by_other_means(mask)
+        return self._out(self.world.observe()), self._by_other_means(mask)
 
     def describe(self) -> str:
         """What the physics models and what it does not, and by what means, as text."""
@@ -146,18 +157,21 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
                 f"environments {again.tolist()} have ended: reset them with "
                 'reset(options={"reset_mask": terminated | truncated})'
             )
-        rewards, reasons = world.step(actions)
-        terminated = np.array([reason is not None for reason in reasons]) if any(reasons) else np.zeros(n, bool)
+        rewards, reasons = world.advance(world.read(actions))
+        terminated = np.zeros(n, bool)
+        terminated[list(reasons)] = True
         truncated = np.zeros(n, bool) if self._limit is None else world.frames >= self._limit
         if again.size:  # next-step mode: this step only starts the new episode of those
             self._start(again)
             rewards[again], terminated[again], truncated[again] = 0.0, False, False
         infos: dict[str, Any] = {}
-        if any(reasons) and terminated.any():
-            told = [reason if ended else None for reason, ended in zip(reasons, terminated, strict=True)]
-            infos["failure"], infos["_failure"] = np.array(told, dtype=object), terminated.copy()
+        if terminated.any():
+            told = np.full(n, None, dtype=object)
+            for i in np.flatnonzero(terminated).tolist():
+                told[i] = reasons[i]
+            infos["failure"], infos["_failure"] = told, terminated.copy()
         ended = self._ended = terminated | truncated
-        observations = world.observe()
+        observations = self._out(world.observe())
         started = np.zeros(n, bool)
         started[again] = True
         frame = self._of_frame(~started)
@@ -169,14 +183,24 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             infos = {"final_obs": finals, "_final_obs": ended.copy(), "final_info": last, "_final_info": ended.copy()}
             frame, started = self._of_frame(~ended), ended.copy()
             self._start(np.flatnonzero(ended))
-            observations = world.observe()
-        return observations, rewards, terminated, truncated, infos | frame | self._by_other_means(started)
+            observations = self._out(world.observe())
+        infos = infos | frame | self._by_other_means(started)
+        return observations, self._out(rewards), self._flags(terminated), self._flags(truncated), infos
+
+    def _out(self, values: Any) -> Any:
+        """Observations or rewards in what ``output`` asks for."""
+        return values if self._tensors else self.world.on_host(values)
+
+    def _flags(self, flags: np.ndarray) -> Any:
+        """The same of flags ``(B,)``, of which only those that are set are sent."""
+        return self.world.flags(flags) if self._tensors else flags
 
     def _of_frame(self, which: np.ndarray) -> dict[str, np.ndarray]:
         """What the backend tells of the last frame of members ``which``, bool ``(B,)``."""
         guarded, crossings, error = self.world.guarded & which, self.world.crossings * which, self.world.measured_error
+        known = which & ~np.isnan(error)
         told = _told("guard", guarded, guarded) | _told("crossings_at_start", crossings, crossings > 0)
-        return told | _told("measured_error", error, which & ~np.isnan(error))
+        return told | _told("measured_error", np.where(known, error, 0.0), known)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that decides the future, as arrays; see ``ClothEnv.get_state``."""
@@ -195,6 +219,15 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         self._ended = ended
 
 
+def _on_its_device(world: World) -> World:
+    """``world``, or where its backend is on a device one with everything there."""
+    if device_of(world.backend) is None:
+        return world
+    from cloth_envs.device import DeviceWorld
+
+    return DeviceWorld.of(world)
+
+
 def _threaded(choice: Choice, threads: int) -> Choice:
     """``choice`` with ``threads``, where the backend takes them and none are given."""
     if isinstance(choice.options, Mapping) and "threads" in keywords(load_backend(choice.name)):
@@ -203,7 +236,7 @@ def _threaded(choice: Choice, threads: int) -> Choice:
 
 
 def _told(name: str, values: np.ndarray, which: np.ndarray) -> dict[str, np.ndarray]:
-    """An info that some members have, bool ``(B,)``; nothing of none."""
+    """An info that some members have, bool ``(B,)``; nothing of none. Others are 0, False or None, as Gymnasium's."""
     return {name: values, f"_{name}": which} if which.any() else {}
 
 

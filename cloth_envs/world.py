@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from cloth_envs.arguments import read_actions, true_or_false
-from cloth_envs.backend import Backend
+from cloth_envs.backend import Backend, check_material, device_of
 from cloth_envs.choice import Choice, as_lists, choices
 from cloth_envs.failure import Failures
 from cloth_envs.grid import check_resolution
@@ -22,7 +22,7 @@ from cloth_envs.places import check_backend_kwargs
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.registry import BACKENDS, load_task, make_backend, register_backend
 from cloth_envs.scenes.drives import clip_actions, tick
-from cloth_envs.scenes.task import Episode, Start, Task
+from cloth_envs.scenes.task import Episode, Task, stacked
 from cloth_envs.snapshot import Snapshot, check_array
 from cloth_envs.state import Controls, State
 
@@ -39,12 +39,15 @@ class World:
         controls: what the last ``step`` gave to the backend; None before the first.
         rewards: what it returned, ``(B,)``.
         title: scene, resolution and backend in a few words.
+        device: the ``torch.device`` of states, rewards and observations; None, as they are NumPy arrays.
 
     Raises:
         ValueError: unknown scene, preset, backend, fabric, property or observation (the nearest match is
             named), a resolution, material or range that makes no sense or that the preset fixes, or self-contact
             that is asked for of a physics without it.
     """
+
+    device: Any = None
 
     def __init__(
         self,
@@ -120,6 +123,10 @@ class World:
         try:
             check_backend_kwargs(name, options, solvers=solvers_of(self._listed), beside=self._arguments)
             made = make_backend(name, self._listed, num_envs=len(members), backend_kwargs=options)
+            if device_of(made) is not None:
+                from cloth_envs.tensors import OnHost
+
+                made = OnHost(made)
             built = replace(choice, options=options)
             if self._arguments["self_contact"] and not getattr(made, "self_contact", False):
                 raise ValueError(
@@ -147,19 +154,13 @@ class World:
         low, high = self.frames.min(), self.frames.max()
         return f"frame {low}" if low == high else f"frames {low} to {high}"
 
-    def _check_material(self, material: Material) -> None:
-        """Refuse what the backend can't step, where it says so. Raises ValueError: see ``Backend.check_material``."""
-        check = getattr(self.backend, "check_material", None)
-        if check is not None:
-            check(material)
-
     def _check_ranges(self) -> None:
         """Refuse ``randomize`` where a corner of its ranges can't be stepped, so that no reset ever fails."""
-        self._check_material(self.scene.material)
+        check_material(self.backend, self.scene.material)
         for corner in product(*self.ranges.values()):
             changes = dict(zip(self.ranges, corner, strict=True))
             try:
-                self._check_material(self.scene.material.with_changes(**changes))
+                check_material(self.backend, self.scene.material.with_changes(**changes))
             except ValueError as error:
                 raise ValueError(f"randomize allows {changes}, which can't be stepped: {error}") from error
 
@@ -173,23 +174,36 @@ class World:
     def state(self) -> State:
         return self.episode.state
 
+    def read_only(self) -> State:
+        """The present state, to read."""
+        return self.state.read_only()
+
+    def on_host(self, values: Any) -> Any:
+        """Observations or rewards as NumPy arrays, which they are."""
+        return values
+
+    def flags(self, which: np.ndarray) -> Any:
+        """Bools ``(B,)`` in what rewards are in."""
+        return which
+
     def reset(self, rngs: Mapping[int, np.random.Generator]) -> None:
         """Start new episodes for the environments named by the keys, each drawing from its own generator."""
         which = sorted(rngs)
-        starts: list[Start] = []
+        drawn = []
         for i in which:
             rng = self.rngs[i] = rngs[i]
             changes = {name: float(rng.uniform(lo, hi)) for name, (lo, hi) in self.ranges.items()}
-            self.materials[i] = self.scene.material.with_changes(**changes)
-            starts.append(self.task.start(rng))
-        state = State.still(
-            np.stack([s.positions for s in starts]).astype(np.float32),
-            np.stack([s.colliders for s in starts]).astype(np.float32),
-        )
-        state.velocities[:] = [s.velocities for s in starts]
-        memory = {name: np.stack([s.memory[name] for s in starts]) for name in starts[0].memory}
-        self._place(which, state, memory | self.task.gripped(state.positions))
+            self.materials[i] = self.scene.material.with_changes(**changes) if changes else self.scene.material
+            drawn.append(self.task.draw(rng))
         self.frames[which] = 0
+        self._place(which, *self._laid(stacked(drawn)))
+
+    def _laid(self, drawn: dict[str, np.ndarray]) -> tuple[State, dict[str, np.ndarray]]:
+        """States of starts that were drawn, and what the task remembers of them."""
+        start = self.task.lay(drawn)
+        state = State.still(start.positions.astype(np.float32), start.colliders.astype(np.float32))
+        state.velocities[:] = start.velocities
+        return state, start.memory | self.task.gripped(state.positions)
 
     def _place(self, which: Sequence[int], state: State, memory: dict[str, np.ndarray]) -> None:
         materials = [self.materials[i] for i in which]
@@ -224,10 +238,15 @@ class World:
         Raises:
             ValueError: actions of the wrong shape or not finite; nothing has moved then.
         """
-        return self.advance(read_actions(actions, (self.num_envs, len(self.task.actions)), self.task.actions))
+        rewards, reasons = self.advance(self.read(actions))
+        return rewards, [reasons.get(i) for i in range(self.num_envs)]
 
-    def advance(self, actions: np.ndarray) -> tuple[np.ndarray, list[str | None]]:
-        """``step`` by actions that were read already."""
+    def read(self, actions: Any) -> np.ndarray:
+        """Actions ``(B, A)`` as ``advance`` takes them. Raises ValueError: not numbers, or of another shape."""
+        return read_actions(actions, (self.num_envs, len(self.task.actions)), self.task.actions)
+
+    def advance(self, actions: np.ndarray) -> tuple[np.ndarray, dict[int, str]]:
+        """``step`` by actions that were read already. Tells why of those members that failed."""
         episode = self.episode
         before, clipped = episode.state, clip_actions(actions)
         if clipped is None:
@@ -237,7 +256,7 @@ class World:
         episode.state = self.backend.advance(self.controls)
         tick(self.frames, self.scene.frame_dt, episode.state.time)
         reasons = self.failures.check(before, episode.state)
-        failed = [i for i, reason in enumerate(reasons) if reason]
+        failed = list(reasons)
         if failed:
             good = before.select(failed)
             good.time[:] = episode.state.time[failed]
@@ -304,7 +323,7 @@ class World:
         try:
             snapshot = self._now().other(saved)
             for material in set(snapshot.materials):
-                self._check_material(material)
+                check_material(self.backend, material)
         except BaseException:
             if not started:
                 self._episode, self.rngs = None, [None] * self.num_envs
@@ -330,7 +349,7 @@ class World:
         for name, factory in saved["factories"].items():
             if name not in BACKENDS:
                 register_backend(name, factory)
-        World.__init__(self, **saved["arguments"])
+        type(self).__init__(self, **saved["arguments"])
         if saved["state"] is not None:
             self.set_state(saved["state"])
             self.episode.action, self.controls = saved["last"]

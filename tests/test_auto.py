@@ -179,6 +179,28 @@ def test_a_stretch_does_not_cross_a_reset() -> None:
     assert np.isfinite(made.measured_error).tolist() == [True, False]
 
 
+def test_vector_environments_tell_errors_as_gymnasium_does() -> None:
+    options = {"backend": "auto", "backend_kwargs": {"verify": 1.0, "tolerance": 50}, "resolution": SHAPE}
+    env = gym.make_vec(env_id("Flag"), num_envs=2, autoreset_mode="Disabled", **options)
+    singles = [gym.make(env_id("Flag"), **options) for _ in range(2)]
+    env.reset(seed=[0, 1])
+    for i, single in enumerate(singles):
+        single.reset(seed=i)
+    env.step(np.zeros((2, 2), np.float32))
+    env.reset(seed=[None, 7], options={"reset_mask": np.array([False, True])})
+    singles[0].step(np.zeros(2, np.float32))
+    for _ in range(4):
+        *_, infos = env.step(np.zeros((2, 2), np.float32))
+        *_, info = singles[0].step(np.zeros(2, np.float32))
+    want: dict[str, Any] = {}
+    for i, told in enumerate((info, {})):
+        want = env.unwrapped._add_info(want, told, i)
+    assert infos.keys() == want.keys() == {"measured_error", "_measured_error"}
+    for name, values in want.items():
+        np.testing.assert_array_equal(infos[name], values)
+        assert infos[name].dtype == values.dtype
+
+
 def test_the_shipped_table_knows_every_measured_scene(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.undo()
     Table.of.cache_clear()

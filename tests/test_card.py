@@ -1,11 +1,19 @@
 """Where fits hold: what a miniature is made of within its card and beyond, and that it is told."""
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
 
 from cloth_envs import FABRICS, env_id
-from cloth_envs.registry import PRESETS
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+from cloth_envs.registry import PRESETS, SCENES
+from cloth_envs.scene import Scene
+from cloth_envs.scenes.flag import Flag
+from cloth_envs.scenes.task import Episode
+from cloth_envs.state import Controls
 from cloth_envs.world import World
 from surrogates.miniature.card import LAW, RANGES, numbers
 from surrogates.miniature.choice import closure_card
@@ -58,6 +66,41 @@ def test_a_presets_cloth_is_never_that_of_a_fit(scene: str) -> None:
     made = World(scene, preset="lee2019", backend="miniature")
     made.reset({0: RNG})
     assert made.surrogate[0].startswith("similar, bicubic: ")
+
+
+class Stormy(Flag):
+    def controls(self, episode: Episode) -> Controls:
+        controls = super().controls(episode)
+        controls.wind = 3 * controls.wind
+        return controls
+
+
+class Light(Flag):
+    @classmethod
+    def build_scene(cls, grid: Grid, material: Material) -> Scene:
+        return replace(super().build_scene(grid, material), gravity=1.62)
+
+
+class Lower(Flag):
+    def reward(self, episode: Episode) -> np.ndarray:
+        return 0.5 * super().reward(episode)
+
+
+@pytest.mark.parametrize("task", [Stormy, Light])
+def test_a_task_of_ones_own_is_beyond_however_it_is_named(task: type[Flag], monkeypatch: pytest.MonkeyPatch) -> None:
+    who = f"{task.__module__}:{task.__name__}"
+    monkeypatch.setitem(SCENES, "Flag", who)
+    for made in (world(), World(task, backend="miniature"), World("Flag", backend="auto")):
+        made.reset({0: RNG})
+        assert f"driven by {who}, another task than that of its fit" in made.surrogate[0]
+        made.set_state(made.get_state())
+    assert World("Flag", backend="auto").backend.inner.__class__.__name__ == "ExplicitSolver"  # type: ignore[attr-defined]
+
+
+def test_a_task_that_only_rewards_differently_moves_the_cloth_of_the_fit() -> None:
+    made = World(Lower, backend="miniature")
+    made.reset({0: RNG})
+    assert made.surrogate.tolist() == [""]
 
 
 def test_materials_of_single_members_are_told_and_keep_their_own_springs() -> None:

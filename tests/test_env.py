@@ -77,6 +77,16 @@ def test_spaces_seeds_and_types(scene: str) -> None:
         assert core.time == 0.0
 
 
+@pytest.mark.parametrize("obs", ["keypoints", "mesh"])
+def test_observations_of_float64_physics_lie_in_the_space(obs: str) -> None:
+    double, options = {"dtype": "float64"}, {"obs": obs, **SMALL}
+    id_ = cloth_envs.env_id("Flag")
+    one = make("Flag", backend_kwargs=double, **options)
+    for env in (one, gym.make_vec(id_, num_envs=2, backend_kwargs=[{}, double], **options)):
+        seen = [env.reset(seed=0)[0], env.step(env.action_space.sample())[0]]
+        assert all(env.observation_space.contains(each) for each in seen)
+
+
 @pytest.mark.parametrize("scene", SCENES)
 def test_spec_round_trips_through_json(scene: str) -> None:
     options = {"material": {"fabric": "silk", "drag": 1.0}, "randomize": {"areal_density": [0.1, 0.2]}, **SMALL}

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
 from pathlib import Path
+from time import sleep
 
 import pytest
 
@@ -130,6 +133,37 @@ def test_rows_of_another_revision_are_refused_or_measured_anew(toy: Benchmark, t
     assert json.loads(header.read_text())["revision"] == "now"
 
 
+def test_rows_without_their_header_are_of_no_known_revision(toy: Benchmark, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    argv = ["--out", str(out), "--scenes", "Flag"]
+    assert toy.main(argv) == 0
+    (out / "toy.json").unlink()
+    for refused in (lambda: toy.main(argv), lambda: everything.main(["--out", str(out), "--only", "toy"])):
+        with pytest.raises(ValueError, match=r"toy_rows.csv.* without toy.json.*--fresh"):
+            refused()
+    assert toy.main([*argv, "--fresh"]) == 0
+
+
+@pytest.mark.parametrize("where", ['note("times")', "note(scene)"])
+def test_sigterm_ends_what_was_started(toy: Benchmark, tmp_path: Path, where: str) -> None:
+    sleeps = 'note(f"pid {os.getpid()}"); time.sleep(60)'
+    (tmp_path / "toy.py").write_text("import time\n" + TOY.replace(where, sleeps))
+    code = (
+        "import sys; from training.bench import benchmark, everything\n"
+        f"benchmark.BENCHMARKS['toy'], everything.RUN = 'toy', {RUN!r}\n"
+        f"sys.exit(everything.main(['--out', {str(tmp_path / 'out')!r}, '--only', 'toy', '--jobs', '1']))"
+    )
+    log = tmp_path / "log"
+    with subprocess.Popen([sys.executable, "-c", code]) as running:
+        while not (log.exists() and "pid" in log.read_text()):
+            assert running.poll() is None
+            sleep(0.02)
+        running.terminate()
+        assert running.wait(20) == 143
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(log.read_text().split()[-1]), 0)
+
+
 def test_code_that_changes_meanwhile_is_told(
     toy: Benchmark, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -151,3 +185,5 @@ def test_every_usual_benchmark_is_divided_into_what_it_takes() -> None:
 def test_mistakes_name_the_nearest(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="Did you mean 'mesh'"):
         everything.main(["--out", str(tmp_path), "--only", "mash"])
+    with pytest.raises(ValueError, match="',' names no benchmark"):
+        everything.main(["--out", str(tmp_path), "--only", ","])

@@ -12,8 +12,9 @@ import pytest
 from cloth_envs.policies import CONTROLLERS
 from cloth_envs.registry import SCENES, load_task
 from cloth_envs.scenes.drives import Drive
-from cloth_envs.scenes.starts import bow
-from cloth_envs.scenes.task import Start, Task
+from cloth_envs.scenes.flag import Flag
+from cloth_envs.scenes.starts import between, bow, either
+from cloth_envs.scenes.task import Start, Task, stacked
 from cloth_envs.state import State
 from cloth_envs.world import World
 
@@ -183,10 +184,43 @@ def test_example_prints_its_table() -> None:
     assert lines[2].startswith("| Flag | ")
 
 
+@scenes
+def test_many_starts_are_those_of_each(scene: str) -> None:
+    task = make_task(scene)
+    many = task.lay(stacked([task.draw(np.random.default_rng(seed)) for seed in range(3)]))
+    for seed in range(3):
+        one = task.start(np.random.default_rng(seed))
+        for name in ("positions", "velocities", "colliders"):
+            assert np.array_equal(getattr(many, name)[seed], getattr(one, name))
+        assert many.memory.keys() == one.memory.keys()
+        assert all(np.array_equal(many.memory[name][seed], one.memory[name]) for name in one.memory)
+
+
+def test_a_start_of_ones_own_comes_in_the_place_of_an_inherited_one() -> None:
+    class Still(Flag):
+        def start(self, rng: np.random.Generator) -> Start:
+            start = super().start(rng)
+            return Start(np.full_like(start.positions, rng.uniform()), start.velocities, start.colliders, start.memory)
+
+    task = Still(Flag.make_scene(resolution=(5, 4), material=Flag.material))
+    many = task.lay(stacked([task.draw(np.random.default_rng(seed)) for seed in range(2)]))
+    assert many.positions[1, 0, 0, 0] == task.start(np.random.default_rng(1)).positions[0, 0, 0]
+    assert (many.positions[0] == many.positions[0, 0, 0, 0]).all()
+
+
+def test_random_numbers_are_those_that_the_generator_gives() -> None:
+    low, high = [-1.0, 2.0, 0.1], [3.0, 2.5, 0.7]
+    mine, its = np.random.default_rng(0), np.random.default_rng(0)
+    for _ in range(20):
+        assert np.array_equal(between(mine.random(3), low, high), its.uniform(low, high))
+        assert between(mine.random(1), -np.pi, 0.3) == its.uniform(-np.pi, 0.3)
+        assert either(mine) == its.choice([-1.0, 1.0])
+
+
 @pytest.mark.parametrize("cells", [2, 3, 8, 48])
 @pytest.mark.parametrize("ratio", [0.35, 0.6, 0.95])
 def test_bow_keeps_its_length(cells: int, ratio: float) -> None:
-    path = bow(cells, ratio)
+    path = bow(cells, np.array([ratio]))[0]
     assert np.allclose(np.hypot(*np.diff(path, axis=1)), 1.0, atol=1e-12)
     # The angle is read from a table of 221 entries, 0.01 rad apart: error below 0.01^2 / 8 of the ratio.
     assert abs(path[0, -1] / cells - ratio) < 2e-5

@@ -20,9 +20,11 @@ def read_names(text: str, known: Sequence[str], what: str) -> list[str]:
     """Names that a comma separates.
 
     Raises:
-        ValueError: a name that is not ``known``; the nearest match is told.
+        ValueError: a name that is not ``known``, whose nearest match is told, or no name.
     """
     names = [name.strip() for name in text.split(",") if name.strip()]
+    if not names:
+        raise ValueError(f"{text!r} names no {what}: write some of {', '.join(known)}, or leave it out")
     for name in names:
         if name not in known:
             raise unknown_name(what, name, known)

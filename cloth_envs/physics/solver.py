@@ -8,7 +8,7 @@ import _minicloth_kernels as kernels
 import numpy as np
 
 from cloth_envs.arguments import float_type, one_of, whole_number
-from cloth_envs.backend import Backend, check_keywords, keywords
+from cloth_envs.backend import Backend, Stateful, check_keywords, keywords
 from cloth_envs.material import Material
 from cloth_envs.naming import resolve
 from cloth_envs.scene import Scene
@@ -190,7 +190,7 @@ def check_condition(scene: Scene, material: Material, h: float, dtype: np.dtype)
         )
 
 
-class Solver(ABC):
+class Solver(Stateful, ABC):
     """A batch of cloths of one scene and its state; a solver adds how a frame is stepped.
 
     Args:
@@ -206,13 +206,6 @@ class Solver(ABC):
     def __init__(self, scene: Scene, *, num_envs: int = 1, threads: int = 1, dtype: str = "float32") -> None:
         self.scene, self.num_envs = scene, whole_number("num_envs", num_envs)
         self.threads, self.dtype = whole_number("threads", threads), float_type(dtype)
-        self._state: State | None = None
-
-    @property
-    def state(self) -> State:
-        if self._state is None:
-            raise RuntimeError("there is no cloth yet: call reset(state) first")
-        return self._state
 
     @property
     def memory(self) -> dict[str, np.ndarray]:
@@ -253,12 +246,7 @@ class Solver(ABC):
         for material in set(chosen):
             self.check_material(material)
         self.set_materials(members, chosen)
-        state = state.astype(self.dtype)
-        if which is None:
-            self._state = state
-        else:
-            self._state = self.state.copy()
-            self._state.assign(list(which), state)
+        self._begin(state.astype(self.dtype), which)
 
     def advance(self, controls: Controls) -> State:
         old = self.state

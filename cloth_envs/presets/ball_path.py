@@ -3,6 +3,7 @@
 from abc import abstractmethod
 
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.scene import Scene
 from cloth_envs.scenes.drives import Drive
@@ -36,5 +37,6 @@ class BallPath(Task):
 
 def to_and_fro(time: np.ndarray, ends: tuple[float, float], period: float) -> tuple[np.ndarray, np.ndarray]:
     """Place [m] and velocity [m/s] at ``time`` [s] of what swings between ``ends`` [m], from the first of them."""
-    middle, reach, rate = (ends[0] + ends[1]) / 2, (ends[1] - ends[0]) / 2, 2 * np.pi / period
-    return middle - reach * np.cos(rate * time), reach * rate * np.sin(rate * time)
+    xp, rate = array_namespace(time), 2 * np.pi / period
+    middle, reach = (ends[0] + ends[1]) / 2, (ends[1] - ends[0]) / 2
+    return middle - reach * xp.cos(rate * time), reach * rate * xp.sin(rate * time)

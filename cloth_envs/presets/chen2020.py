@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.figure.motion import read_motion
 from cloth_envs.presets.ball_path import BallPath, to_and_fro
@@ -22,7 +23,7 @@ from cloth_envs.scene import Scene
 from cloth_envs.scenes.draping import Draping
 from cloth_envs.scenes.hitting import CLIPS, HUNG, Hitting
 from cloth_envs.scenes.skirt import Skirt
-from cloth_envs.scenes.starts import pleats
+from cloth_envs.scenes.starts import either, pleats
 from cloth_envs.scenes.task import Start, Task
 
 RESOLUTION = (109, 105)
@@ -133,14 +134,13 @@ class Hitting2020(Chen2020, BallPath, Hitting):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         rng = self.drawn()
-        self.end, self.period = END * rng.choice([-1.0, 1.0]), rng.uniform(*PERIODS)
+        self.end, self.period = END * either(rng), rng.uniform(*PERIODS)
         self.crossing = rng.uniform(-CROSSING_X, CROSSING_X), rng.uniform(*CROSSING_Z)  # x, z [m]
 
     def path(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        place, speed = np.zeros((2, len(time), 3))
-        place[:, 1], speed[:, 1] = to_and_fro(time, (self.end, -self.end), self.period)
-        place[:, ::2] = self.crossing
-        return place, speed
+        y, speed = to_and_fro(time, (self.end, -self.end), self.period)
+        xp, still, (x, z) = array_namespace(time), 0.0 * time, self.crossing
+        return xp.stack([still + x, y, still + z], axis=1), xp.stack([still, speed, still], axis=1)
 
     def start(self, rng: np.random.Generator) -> Start:
         positions = pleats(self.scene.grid, CLIPS - 1, HUNG, 1.0)

@@ -21,6 +21,7 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
@@ -166,9 +167,8 @@ class Flag2019(Lee2019, Flag):
         return Start(positions, np.zeros_like(positions), np.zeros((0, 2, 3)), memory)
 
     def wind(self, episode: Episode) -> np.ndarray:
-        wind = np.zeros((len(episode.action), 3))
-        wind[:, 0] = self.options["wind"]
-        return wind
+        still = episode.action[:, :1] * 0.0
+        return array_namespace(still).concat([still + self.options["wind"], still, still], axis=1)
 
 
 class Collision2019(Lee2019, BallPath, Collision):
@@ -207,10 +207,9 @@ class Collision2019(Lee2019, BallPath, Collision):
         return replace(super().build_scene(grid, material), handles=tuple(range(grid.cols)), grips=(), air=None)
 
     def path(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        place, speed = np.zeros((2, len(time), 3))
-        place[:, 1], speed[:, 1] = to_and_fro(time, BALL_ENDS, BALL_PERIOD)
-        place[:, 2] = BALL_Z
-        return place, speed
+        place, speed = to_and_fro(time, BALL_ENDS, BALL_PERIOD)
+        xp, still = array_namespace(time), 0.0 * time
+        return xp.stack([still, place, still + BALL_Z], axis=1), xp.stack([still, speed, still], axis=1)
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid

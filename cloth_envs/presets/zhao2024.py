@@ -221,5 +221,5 @@ class Ball2024(Zhao2024, BallDrop):
 
     def reward(self, episode: Episode) -> np.ndarray:
         away = self.middle(episode) - episode.state.colliders[:, 0, 0]
-        held = np.minimum(np.maximum((away[:, 2] + RADIUS) / HELD, 0.0), 1.0)
+        held = ((away[:, 2] + RADIUS) / HELD).clip(0.0, 1.0)
         return tolerance(away[:, :2], MARGIN) * held

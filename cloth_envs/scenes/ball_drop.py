@@ -1,12 +1,16 @@
 """BallDrop: a ball on the ground catches a falling cloth."""
 
+from typing import Any
+
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
 from cloth_envs.scenes.measures import columns, ramp, tolerance
+from cloth_envs.scenes.starts import between
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -63,7 +67,11 @@ class BallDrop(Task):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
+        v, u = (np.linspace(-0.5, 0.5, n) * s for n, s in zip(scene.grid.shape, self.size, strict=True))
+        self.level = np.stack(np.meshgrid(u, v))
+        self.bodies = np.array([[[0.0, 0.0, CENTRE]] * 2, [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]])
         self.drive = Drive([-REACH] * 2, [REACH] * 2, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
+        self.watch()
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
@@ -71,22 +79,22 @@ class BallDrop(Task):
         own = SelfContact()
         return Scene("BallDrop", grid, material, cls.frame_dt, colliders=bodies, air=Air(), self_contact=own)
 
-    def start(self, rng: np.random.Generator) -> Start:
-        grid = self.scene.grid
-        v, u = (np.linspace(-0.5, 0.5, n)[:, None] * s for n, s in zip(grid.shape, self.size, strict=True))
-        yaw, side = rng.uniform(-np.pi, np.pi, 2)
-        away = OFFSET * np.sqrt(rng.uniform())
-        flat_x, flat_y = u.T + 0 * v, -v + 0 * u.T
-        positions = np.empty((3, *grid.shape))
-        positions[0] = np.cos(yaw) * flat_x - np.sin(yaw) * flat_y + away * np.cos(side)
-        positions[1] = np.sin(yaw) * flat_x + np.cos(yaw) * flat_y + away * np.sin(side)
-        phase = rng.uniform(-np.pi, np.pi, 2)
-        positions[2] = rng.uniform(*DROP)
-        positions[2] += rng.uniform(0, WAVE) * np.cos(2 * np.pi * u.T + phase[0]) * np.cos(2 * np.pi * v + phase[1])
-        velocities = np.zeros_like(positions)
-        velocities[:2] = rng.uniform(-DRIFT, DRIFT, 2)[:, None, None]
-        ball, ground = [[0.0, 0.0, CENTRE]] * 2, [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
-        return Start(positions, velocities, np.array([ball, ground]))
+    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
+        return {"even": rng.random(9)}
+
+    def lay(self, drawn: dict[str, np.ndarray]) -> Start:
+        even, xp = drawn["even"][..., None, None], array_namespace(drawn["even"])
+        yaw, side = (between(even[:, i], -np.pi, np.pi)[:, None] for i in range(2))
+        away, phase = OFFSET * xp.sqrt(even[:, 2:3]), between(even[:, 3:5], -np.pi, np.pi)
+        height, wave = between(even[:, 5:6], *DROP), between(even[:, 6:7], 0.0, WAVE)
+        u, v = self.level
+        waves = wave * xp.cos(2 * np.pi * u + phase[:, :1]) * xp.cos(2 * np.pi * v + phase[:, 1:])
+        x = xp.cos(yaw) * u + xp.sin(yaw) * v + away * xp.cos(side)
+        y = xp.sin(yaw) * u - xp.cos(yaw) * v + away * xp.sin(side)
+        positions = xp.concat([x, y, height + waves], axis=1)
+        start = Start.still(positions, {}, xp.broadcast_to(self.bodies, (len(yaw), *self.bodies.shape)))
+        start.velocities[:, :2] = between(even[:, 7:], -DRIFT, DRIFT)
+        return start
 
     def controls(self, episode: Episode) -> Controls:
         state = episode.state

@@ -1,6 +1,9 @@
 """Collision: a ball presses a hanging cloth into a target shape."""
 
+from typing import Any
+
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
@@ -8,7 +11,7 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.scenes.drives import Drive, push
 from cloth_envs.scenes.measures import columns, largest_stretch, tolerance
-from cloth_envs.scenes.starts import pleats
+from cloth_envs.scenes.starts import between, either, pleats
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -74,7 +77,9 @@ class Collision(Task):
         rows_apart = np.maximum(np.diff(rows, axis=0), 1)  # a coarse grid has less rows than the lattice
         self.apart = rows_apart.ravel() * scene.grid.row_spacing
         self.free_strain = FREE_STRAIN
+        self.hung = pleats(scene.grid, WAVES, HUNG, 1.0)
         self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
+        self.watch()
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
@@ -85,12 +90,16 @@ class Collision(Task):
             colliders=(ball,),
         )  # fmt: skip
 
-    def start(self, rng: np.random.Generator) -> Start:
-        positions = pleats(self.scene.grid, WAVES, HUNG, rng.choice([-1.0, 1.0]))
-        ball = rng.uniform(START_LOW, START_HIGH)
-        goal = rng.uniform(GOAL_LOW, GOAL_HIGH)
-        memory = {"goal": goal, "shape": self.shape(goal[None])[0]}
-        return Start(positions, np.zeros_like(positions), np.tile(ball, (1, 2, 1)), memory)
+    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
+        return {"side": either(rng), "even": rng.random(6)}
+
+    def lay(self, drawn: dict[str, np.ndarray]) -> Start:
+        even, xp = drawn["even"], array_namespace(drawn["even"])
+        ball, goal = between(even[:, :3], START_LOW, START_HIGH), between(even[:, 3:], GOAL_LOW, GOAL_HIGH)
+        x, y, z = (xp.broadcast_to(part, (len(ball), *part.shape)) for part in self.hung)
+        positions = xp.stack([x, drawn["side"][:, None, None] * y, z], axis=1)
+        bodies = xp.broadcast_to(ball[:, None, None], (len(ball), 1, 2, 3))
+        return Start.still(positions, {"goal": goal, "shape": self.shape(goal)}, bodies)
 
     def controls(self, episode: Episode) -> Controls:
         state = episode.state
@@ -111,11 +120,12 @@ class Collision(Task):
         press = goal[:, 1:2] + RADIUS
         down = -self.depth / goal[:, 2:]
         width = 0.07 + 0.68 * press
-        profile = np.minimum(down, 0.84 + 0.16 * down)
-        return press * profile * np.exp(-0.5 * np.square((self.across - goal[:, :1]) / width))
+        xp = array_namespace(goal)
+        profile = xp.minimum(down, 0.84 + 0.16 * down)
+        return press * profile * xp.exp(-0.5 * xp.square((self.across - goal[:, :1]) / width))
 
     def reward(self, episode: Episode) -> np.ndarray:
-        error = episode.cloth[:, 1].take(self.shaped, 1) - episode.memory["shape"]
+        error = episode.cloth[:, 1, self.shaped] - episode.memory["shape"]
         stretch = largest_stretch(episode.state.positions, self.above, self.shaped, self.apart)
-        over = np.maximum(stretch - 1.0 - self.free_strain, 0.0)
-        return tolerance(error, self.shape_margin) * tolerance(over, STRAIN_MARGIN)
+        over = stretch - (1.0 + self.free_strain)
+        return tolerance(error, self.shape_margin) * tolerance(over * (over > 0.0), STRAIN_MARGIN)

@@ -1,8 +1,10 @@
 """Curtain: a curtain on rings is drawn to a target opening and calmed."""
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
@@ -10,7 +12,7 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.measures import columns, mean_span, tolerance
-from cloth_envs.scenes.starts import bow
+from cloth_envs.scenes.starts import between, bow, either
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -65,12 +67,14 @@ class Curtain(Task):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         ringed = self.leads % scene.grid.cols  # of each handle, the column of its ring
-        self.columns = np.unique(ringed)
+        self.spans = list(pairwise(np.unique(ringed).tolist()))  # first and last column of every pleat
+        self.depth = np.linspace(0.0, 1.0, scene.grid.rows)[:, None]
         share = ringed / (scene.grid.cols - 1)
         self.follow = np.stack([share, np.ones(len(share))], 1)  # of the lead ring's x, y
         self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
         edges = self.keypoints.reshape(self.lattice)
         self.first, self.last = edges[:, 0].copy(), edges[:, -1].copy()
+        self.watch()
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
@@ -85,23 +89,27 @@ class Curtain(Task):
             self_contact=SelfContact(),
         )
 
-    def start(self, rng: np.random.Generator) -> Start:
-        grid = self.scene.grid
-        opening, target = rng.uniform(LOW[0], HIGH[0]), rng.uniform(TARGET[0], TARGET[1] - 2 * APART)
-        if target > opening - APART:
-            target += 2 * APART
-        swing = rng.uniform(-SWING, SWING)
-        side = rng.choice([-1.0, 1.0])
-        positions = np.empty((3, *grid.shape))
-        for i, (begin, end) in enumerate(pairwise(self.columns)):
-            along, across = grid.col_spacing * bow(end - begin, opening)
-            positions[0, :, begin : end + 1] = opening * begin * grid.col_spacing + along
-            positions[1, :, begin : end + 1] = (-1) ** i * side * across
-        depth = np.linspace(0.0, 1.0, grid.rows)[:, None]
-        positions[2] = -grid.height * depth
-        velocities = np.zeros_like(positions)
-        velocities[1] = swing * depth
-        return Start(positions, velocities, np.zeros((0, 2, 3)), {"target": np.array(target)})
+    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
+        return {"even": rng.random(3), "side": either(rng)}
+
+    def lay(self, drawn: dict[str, np.ndarray]) -> Start:
+        grid, even, xp = self.scene.grid, drawn["even"], array_namespace(drawn["even"])
+        opening, target = between(even[:, 0], LOW[0], HIGH[0]), between(even[:, 1], TARGET[0], TARGET[1] - 2 * APART)
+        target = xp.where(target > opening - APART, target + 2 * APART, target)
+        bows = {cells: grid.col_spacing * bow(cells, opening) for cells in {end - begin for begin, end in self.spans}}
+        rows = []
+        for i, (begin, end) in enumerate(self.spans):
+            path = bows[end - begin]
+            along = opening[:, None] * begin * grid.col_spacing + path[:, 0]
+            pleat = xp.stack([along, (-1) ** i * drawn["side"][:, None] * path[:, 1]], axis=1)
+            rows.append(pleat if end == grid.cols - 1 else pleat[:, :, :-1])
+        level = xp.concat(rows, axis=2)
+        shape = (len(opening), 1, *grid.shape)
+        upright = xp.broadcast_to(-grid.height * self.depth, shape)
+        positions = xp.concat([xp.broadcast_to(level[:, :, None], (len(opening), 2, *grid.shape)), upright], axis=1)
+        start = Start.still(positions, {"target": target})
+        start.velocities[:, 1] = between(even[:, 2, None, None], -SWING, SWING) * self.depth
+        return start
 
     def controls(self, episode: Episode) -> Controls:
         state = episode.state

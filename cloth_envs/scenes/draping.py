@@ -70,6 +70,7 @@ class Draping(Task):
         self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
         self.follow = np.ones((len(self.handles), 3))
         self.point = scene.pins[0]
+        self.watch(self.point)
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
@@ -95,8 +96,8 @@ class Draping(Task):
         wave = rng.uniform(0, WAVE) * np.cos(2 * np.pi * u + phase[0]) * np.cos(2 * np.pi * v + phase[1])
         sheet = np.stack([u, -v, wave]).reshape(3, -1)
         sheet -= sheet[:, self.point : self.point + 1]
-        turned = rotation(rng.uniform(-np.pi, np.pi), 0, 1) @ rotation(rng.uniform(0.0, TILT), 1, 2) @ sheet
-        return turned.reshape(3, *grid.shape)
+        yaw, tilt = rotation(rng.uniform(-np.pi, np.pi, 1), 0, 1)[0], rotation(rng.uniform(0.0, TILT, 1), 1, 2)[0]
+        return (yaw @ tilt @ sheet).reshape(3, *grid.shape)
 
     def controls(self, episode: Episode) -> Controls:
         return self.carry(episode, *self.held_point(episode), self.follow)

@@ -1,12 +1,16 @@
 """Flag: a flag in gusty wind whose pole moves."""
 
+from typing import Any
+
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
-from cloth_envs.scenes.drives import Drive, draw_gust, gusty_wind
+from cloth_envs.scenes.drives import GUST_TONES, Drive, gusty_wind, tones_of
 from cloth_envs.scenes.measures import along, columns, loop_area, ramp
+from cloth_envs.scenes.starts import between
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -61,6 +65,9 @@ class Flag(Task):
         self.follow = np.ones((len(self.handles), 2))
         self.border = scene.grid.border.astype(np.int32)
         self.area = scene.grid.height * scene.grid.width
+        self.along = np.linspace(0.0, scene.grid.width, scene.grid.cols)
+        self.down = -np.linspace(0.0, scene.grid.height, scene.grid.rows)
+        self.watch(self.border)
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
@@ -68,27 +75,24 @@ class Flag(Task):
         air = Air(max_wind=FASTEST)
         return Scene("Flag", grid, material, cls.frame_dt, handles=hoist, air=air, self_contact=SelfContact())
 
-    def start(self, rng: np.random.Generator) -> Start:
-        grid = self.scene.grid
-        heading, speed = rng.uniform(-np.pi, np.pi), rng.uniform(*WIND_SPEED)
-        aside = heading + rng.uniform(-ASIDE, ASIDE)
-        u = np.linspace(0.0, grid.width, grid.cols)
+    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
+        return {"even": rng.random(4 + 4 * GUST_TONES)}
+
+    def lay(self, drawn: dict[str, np.ndarray]) -> Start:
+        grid, even, xp = self.scene.grid, drawn["even"], array_namespace(drawn["even"])
+        heading, speed = between(even[:, 0], -np.pi, np.pi), between(even[:, 1], *WIND_SPEED)
+        aside, wave = heading + between(even[:, 2], -ASIDE, ASIDE), even[:, 3]
         # Slope angle along the flag: integrating unit steps keeps the edges at their rest length.
-        turn = 0.25 * np.sin(2 * np.pi * (u / grid.width + rng.uniform())) * u / grid.width
-        along = heading + turn
-        step = grid.col_spacing * np.stack([np.cos(along), np.sin(along)])
-        path = np.concatenate([np.zeros((2, 1)), np.cumsum(step[:, :-1], 1)], 1)
-        z = -np.linspace(0.0, grid.height, grid.rows)
-        positions = np.empty((3, *grid.shape))
-        positions[:2] = path[:, None, :]
-        positions[2] = z[:, None]
-        memory = {
-            "heading": np.array(heading),
-            "speed": np.array(speed),
-            "onlooker": np.array([np.cos(aside), np.sin(aside)]),
-            "gusts": draw_gust(rng, 2),
-        }
-        return Start(positions, np.zeros_like(positions), np.zeros((0, 2, 3)), memory)
+        part = self.along / grid.width
+        turn = 0.25 * xp.sin(2 * np.pi * (part + wave[:, None])) * self.along / grid.width
+        along = heading[:, None] + turn
+        step = grid.col_spacing * xp.stack([xp.cos(along), xp.sin(along)], axis=1)
+        path = xp.cumulative_sum(step[:, :, :-1], axis=2, include_initial=True)
+        level = xp.broadcast_to(path[:, :, None], (len(path), 2, *grid.shape))
+        upright = xp.broadcast_to(self.down[:, None], (len(path), 1, *grid.shape))
+        positions = xp.concat([level, upright], axis=1)
+        onlooker, gusts = xp.stack([xp.cos(aside), xp.sin(aside)], axis=1), tones_of(even[:, 4:])
+        return Start.still(positions, {"heading": heading, "speed": speed, "onlooker": onlooker, "gusts": gusts})
 
     def wind(self, episode: Episode) -> np.ndarray:
         """The wind now, ``(B, 3)`` [m/s]."""
@@ -108,4 +112,4 @@ class Flag(Task):
 
     def reward(self, episode: Episode) -> np.ndarray:
         area = loop_area(episode.state.positions, self.border)
-        return ramp(np.abs(along(area, episode.memory["onlooker"])), self.area)
+        return ramp(abs(along(area, episode.memory["onlooker"])), self.area)

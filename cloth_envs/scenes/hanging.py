@@ -1,14 +1,18 @@
 """Hanging: a cloth held by one corner is carried to a place and brought to rest."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
-from cloth_envs.scenes.drives import Drive, draw_gust, gust
+from cloth_envs.scenes.drives import GUST_TONES, Drive, gust, tones_of
 from cloth_envs.scenes.measures import columns, tolerance
-from cloth_envs.scenes.starts import rotation
+from cloth_envs.scenes.starts import between, rotation
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -68,6 +72,10 @@ class Hanging(Task):
         super().__init__(scene)
         self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
         self.follow = np.ones((len(self.handles), 3))
+        v, u = (np.linspace(0.0, s, n) for n, s in zip(scene.grid.shape, self.size, strict=True))
+        u, v = np.meshgrid(u, v)
+        self.polar = np.stack([np.hypot(u, v), np.arctan2(v, u) - np.pi / 4])  # of each vertex about the corner
+        self.watch()
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
@@ -81,22 +89,30 @@ class Hanging(Task):
             self_contact=SelfContact(),
         )
 
-    def start(self, rng: np.random.Generator) -> Start:
-        grid = self.scene.grid
-        v, u = np.meshgrid(*(np.linspace(0.0, s, n) for s, n in zip(self.size, grid.shape, strict=True)), indexing="ij")
-        distance, angle = np.hypot(u, v), np.arctan2(v, u) - np.pi / 4
+    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
+        return {"even": rng.random(7 + 2 * GUST_TONES)}
+
+    def lay(self, drawn: dict[str, np.ndarray]) -> Start:
+        grid, even, xp = self.scene.grid, drawn["even"], array_namespace(drawn["even"])
         # A quarter sheet around its corner covers `wrap` of a cone: isometric, folded nowhere.
-        sine = max(0.25 / rng.uniform(*WRAP), EDGE_TURN / min(grid.cells))
+        sine = (0.25 / between(even[:, 0], *WRAP)).clip(EDGE_TURN / min(grid.cells))[:, None, None]
+        yaw, rate = between(even[:, 1], -np.pi, np.pi), between(even[:, 2:4], -SWING, SWING)
+        distance, angle = self.polar
         across, turn = distance * sine, angle / sine
-        cone = np.stack([across * np.cos(turn), across * np.sin(turn), -distance * np.sqrt(1 - sine**2)])
-        x, _, z = cone.mean((1, 2))
-        tilt, yaw = np.arctan2(x, -z), rng.uniform(-np.pi, np.pi)  # the middle hangs below the corner
-        positions = rotation(yaw, 0, 1) @ rotation(tilt, 2, 0) @ cone.reshape(3, -1)
-        rate = np.append(rng.uniform(-SWING, SWING, 2), 0.0)
-        memory = {"goal": rng.uniform(GOAL_LOW, GOAL_HIGH) - [0.0, 0.0, HANG], "tones": draw_gust(rng)}
-        velocities = np.cross(rate, positions, axisb=0, axisc=0)
-        shape = (3, *grid.shape)
-        return Start(positions.reshape(shape), velocities.reshape(shape), np.zeros((0, 2, 3)), memory)
+        down = -distance * xp.sqrt(1 - sine**2)
+        cone = xp.stack([across * xp.cos(turn), across * xp.sin(turn), down], axis=1).reshape(len(sine), 3, -1)
+        middle = cone.mean(2)
+        tilt = xp.atan2(middle[:, 0], -middle[:, 2])  # the middle hangs below the corner
+        x, y, z = xp.unstack(rotation(yaw, 0, 1) @ rotation(tilt, 2, 0) @ cone, axis=1)
+        a, b = rate[:, :1], rate[:, 1:]
+        shape = (len(sine), 3, *grid.shape)
+        positions, velocities = (
+            xp.stack(part, axis=1).reshape(shape) for part in ((x, y, z), (b * z, -a * z, a * y - b * x))
+        )
+        goal = between(even[:, 4:7], GOAL_LOW, GOAL_HIGH)
+        goal[:, 2] -= HANG
+        memory = {"goal": goal, "tones": tones_of(even[:, 7:])}
+        return replace(Start.still(positions, memory), velocities=velocities)
 
     def controls(self, episode: Episode) -> Controls:
         state = episode.state

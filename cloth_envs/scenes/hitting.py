@@ -10,7 +10,7 @@ from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
 from cloth_envs.scenes.measures import columns, points, tolerance
-from cloth_envs.scenes.starts import pleats
+from cloth_envs.scenes.starts import either, pleats
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -69,6 +69,7 @@ class Hitting(Task):
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
         self.drive = Drive(LOW, HIGH, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
+        self.watch()
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
@@ -83,8 +84,8 @@ class Hitting(Task):
         )
 
     def start(self, rng: np.random.Generator) -> Start:
-        side = rng.choice([-1.0, 1.0])
-        positions = pleats(self.scene.grid, CLIPS - 1, HUNG, rng.choice([-1.0, 1.0]))
+        side = either(rng)
+        positions = pleats(self.scene.grid, CLIPS - 1, HUNG, either(rng))
         ball = np.array([rng.uniform(-ASIDE, ASIDE), -side * AWAY, rng.uniform(*DEPTH)])
         return Start(positions, np.zeros_like(positions), np.tile(ball, (1, 2, 1)), self.aim(positions, side, rng))
 

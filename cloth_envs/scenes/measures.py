@@ -1,9 +1,12 @@
 """What rewards and observations are made of: batched, with sums in float64.
 
-Fields are ``(B, 3, H, W)``, vertices int32 numbers into the flat grid.
+Fields are ``(B, 3, H, W)``, vertices int32 numbers into the flat grid; NumPy arrays, or tensors of one device.
 """
 
+from math import log
+
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.scenes.compiled import compiled
 
@@ -14,14 +17,15 @@ def tolerance(error: np.ndarray, margin: float, least: float = 0.0, /) -> np.nda
 
     The error is ``(B,)``, or ``(B, n)``, of which the length counts.
     """
-    squares = np.square(np.asarray(error, np.float64) / margin)
-    return least + (1.0 - least) * 0.1 ** (squares if squares.ndim == 1 else squares.sum(1))
+    xp = array_namespace(error)
+    squares = xp.square(xp.astype(error, xp.float64) / margin)
+    return least + (1.0 - least) * xp.exp(log(0.1) * (squares if squares.ndim == 1 else squares.sum(1)))
 
 
 @compiled  # 3 us
 def ramp(value: np.ndarray, full: float, /) -> np.ndarray:
     """0 where the value ``(B,)`` is 0 or less, 1 where it is ``full`` or more, and even between; ``(B,)``."""
-    return np.minimum(np.maximum(np.asarray(value, np.float64) / full, 0.0), 1.0)
+    return (value / full).clip(0.0, 1.0)
 
 
 @compiled  # 3 us
@@ -32,7 +36,8 @@ def along(vector: np.ndarray, direction: np.ndarray, /) -> np.ndarray:
 
 def points(field: np.ndarray, vertices: np.ndarray) -> np.ndarray:
     """The field at some vertices, ``(B, 3, N)`` float64."""
-    return field.reshape(len(field), 3, -1).take(vertices, 2).astype(np.float64)
+    xp = array_namespace(field)
+    return xp.astype(field.reshape(len(field), 3, -1)[:, :, vertices], xp.float64)
 
 
 @compiled  # 8 us a call
@@ -44,7 +49,8 @@ def mean_point(field: np.ndarray, vertices: np.ndarray, /) -> np.ndarray:
 @compiled  # 9 us
 def root_mean_square(field: np.ndarray, vertices: np.ndarray, first: int = 0, last: int = 3, /) -> np.ndarray:
     """Root of the mean over some vertices of the squared length of components ``first`` to ``last - 1``, ``(B,)``."""
-    return np.sqrt(np.square(points(field, vertices)[:, first:last]).sum(1).mean(1))
+    xp = array_namespace(field)
+    return xp.sqrt(xp.square(points(field, vertices)[:, first:last]).sum(1).mean(1))
 
 
 @compiled  # 11 us a call, two of them on the curtain
@@ -56,20 +62,23 @@ def mean_span(positions: np.ndarray, first: np.ndarray, second: np.ndarray, /) -
 @compiled  # 56 us
 def loop_area(positions: np.ndarray, loop: np.ndarray, /) -> np.ndarray:
     """Area vector ``sum x_i x x_(i+1) / 2`` of a closed line through vertices, ``(B, 3)`` [m^2]."""
-    line = points(positions, loop)
-    return np.cross(line, np.roll(line, -1, 2), axis=1).sum(2) / 2
+    xp, line = array_namespace(positions), points(positions, loop)
+    return xp.linalg.cross(line, xp.roll(line, -1, axis=2), axis=1).sum(2) / 2
 
 
 @compiled  # 10 us
 def largest_stretch(positions: np.ndarray, first: np.ndarray, second: np.ndarray, rest: np.ndarray, /) -> np.ndarray:
     """Largest distance over ``rest`` ``(P,)`` [m] of pairs of vertices, ``(B,)``."""
-    return (np.linalg.norm(points(positions, second) - points(positions, first), axis=1) / rest).max(1)
+    xp = array_namespace(positions)
+    lengths = xp.linalg.vector_norm(points(positions, second) - points(positions, first), axis=1)
+    return xp.max(lengths / rest, axis=1)
 
 
 @compiled  # 3 us
 def columns(*parts: np.ndarray) -> np.ndarray:
     """Numbers ``(B,)`` or ``(B, n)`` side by side, float32: what ``Task.observe`` returns."""
-    return np.column_stack(parts).astype(np.float32)
+    xp = array_namespace(*parts)
+    return xp.concat([xp.astype(part.reshape(len(part), -1), xp.float32) for part in parts], axis=1)
 
 
 @compiled  # 11 us
@@ -77,5 +86,5 @@ def gather(
     positions: np.ndarray, velocities: np.ndarray, vertices: np.ndarray, extras: np.ndarray, bound: np.ndarray, /
 ) -> np.ndarray:
     """Positions, then velocities of some vertices, then ``extras`` ``(B, K)``; clipped, ``(B, 6 N + K)`` float32."""
-    fields = [points(field, vertices).reshape(len(extras), -1) for field in (positions, velocities)]
-    return np.clip(np.concatenate([*fields, extras], 1).astype(np.float32), -bound, bound)
+    fields = [field.reshape(len(field), 3, -1)[:, :, vertices] for field in (positions, velocities)]
+    return columns(*(field.reshape(len(field), -1) for field in fields), extras).clip(-bound, bound)

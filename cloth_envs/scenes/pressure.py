@@ -1,19 +1,23 @@
 """Pressure: a pinned sheet is inflated so that its apex follows a moving height."""
 
+from typing import Any
+
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene
-from cloth_envs.scenes.drives import draw_gust, gust, pump
+from cloth_envs.scenes.drives import GUST_TONES, gust, pump, tones_of
 from cloth_envs.scenes.measures import columns, tolerance
+from cloth_envs.scenes.starts import between
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
 FULL_PRESSURE = 40.0  # Pa
 PUMP = 0.06  # s, time in which the pressure approaches the wanted one
 TARGET_HEIGHT = 0.15  # m, times a gust signal in [-1, 1]
-PREVIEW = np.array([[0.0, 0.1]])  # s, the target is shown now and ahead
+PREVIEW = [0.0, 0.1]  # s, the target is shown now and ahead
 MARGIN = 0.05  # m
 BULGE = 0.04  # m, largest starting apex height
 
@@ -55,21 +59,26 @@ class Pressure(Task):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
+        self.preview = np.array([PREVIEW])
+        v, u = (np.linspace(0.0, 1.0, n) for n in scene.grid.shape)
+        self.level = np.stack(np.meshgrid((u - 0.5) * scene.grid.width, (0.5 - v) * scene.grid.height))
+        self.dome = np.outer(np.sin(np.pi * v), np.sin(np.pi * u))
         self.apex = scene.grid.index(scene.grid.rows // 2, scene.grid.cols // 2)
+        self.watch(self.apex)
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
         pins = tuple(np.sort(grid.border).tolist())
         return Scene("Pressure", grid, material, cls.frame_dt, handles=pins, pressure=True, air=Air())
 
-    def start(self, rng: np.random.Generator) -> Start:
-        grid = self.scene.grid
-        v, u = (np.linspace(0.0, 1.0, n) for n in grid.shape)
-        positions = np.empty((3, *grid.shape))
-        positions[0] = (u - 0.5) * grid.width
-        positions[1] = (0.5 - v)[:, None] * grid.height
-        positions[2] = rng.uniform(-BULGE, BULGE) * np.outer(np.sin(np.pi * v), np.sin(np.pi * u))
-        return Start(positions, np.zeros_like(positions), np.zeros((0, 2, 3)), {"tones": draw_gust(rng)})
+    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
+        return {"even": rng.random(1 + 2 * GUST_TONES)}
+
+    def lay(self, drawn: dict[str, np.ndarray]) -> Start:
+        even, xp = drawn["even"], array_namespace(drawn["even"])
+        bulge = between(even[:, 0], -BULGE, BULGE)
+        x, y = (xp.broadcast_to(part, (len(bulge), *part.shape)) for part in self.level)
+        return Start.still(xp.stack([x, y, bulge[:, None, None] * self.dome], axis=1), {"tones": tones_of(even[:, 1:])})
 
     def controls(self, episode: Episode) -> Controls:
         controls = self.hold(episode)
@@ -79,7 +88,7 @@ class Pressure(Task):
 
     def target(self, episode: Episode) -> np.ndarray:
         """The wanted apex height now and in 0.1 s, ``(B, 2)`` [m]."""
-        return TARGET_HEIGHT * gust(episode.memory["tones"], episode.state.time[:, None] + PREVIEW)
+        return TARGET_HEIGHT * gust(episode.memory["tones"], episode.state.time[:, None] + self.preview)
 
     def observe(self, episode: Episode) -> np.ndarray:
         height, velocity = episode.cloth[:, 2, self.apex], episode.cloth_velocity[:, 2, self.apex]

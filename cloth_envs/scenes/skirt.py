@@ -1,5 +1,6 @@
 """Skirt: a gathered skirt on a dancer, who turns and rises so that its hem swings to a target radius."""
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -78,15 +79,12 @@ class Skirt(Task):
         self.lift = Drive((-LIFT,), (LIFT,), speed=LIFT_SPEED, acceleration=LIFT_UP, dt=self.frame_dt)
         self.band = np.append(ruffle(scene.grid, PLEATS, WAIST), np.full((1, scene.grid.cols), RISE), 0)
         self.standing = stand()[0] - stand()[0, body.PELVIS]
-
-    @classmethod
-    def make_scene(cls, *, resolution: tuple[int, int], material: Material) -> Scene:
-        return cls.build_scene(Grid(*resolution, *cls.size, periodic=True), material)
+        self.watch(np.arange(scene.grid.vertices - scene.grid.cols, scene.grid.vertices))
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
         return Scene(
-            *("Skirt", grid, material, cls.frame_dt),
+            *("Skirt", replace(grid, periodic=True), material, cls.frame_dt),
             handles=tuple(range(grid.cols)),
             air=Air(),
             colliders=body.colliders(),

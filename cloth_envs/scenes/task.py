@@ -1,12 +1,13 @@
 """What every scene file fills in: a Task maps actions to controls and states to rewards, batched."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from inspect import cleandoc
 from typing import Any, ClassVar
 
 import numpy as np
+from array_api_compat import array_namespace, device
 
 from cloth_envs.failure import MAX_STRAIN
 from cloth_envs.grid import Grid
@@ -16,18 +17,32 @@ from cloth_envs.scene import Scene
 from cloth_envs.scenes import drives, measures
 from cloth_envs.state import Controls, State
 
+# What a task tells agents of its cloth, which moves the same whatever that is.
+TOLD = frozenset(("observe", "extras", "extras_bound", "lattice", "reward", "max_strain"))
+
 
 @dataclass
 class Start:
-    """How one episode begins: ``positions`` and ``velocities`` ``(3, H, W)``, ``colliders`` ``(C, 2, 3)``.
+    """How an episode begins: ``positions`` and ``velocities`` ``(3, H, W)``, ``colliders`` ``(C, 2, 3)``.
 
-    ``memory`` holds what the task must remember (goals, gust phases); one array a name.
+    ``memory`` holds what the task must remember (goals, gust phases); one array a name. Of a batch all have one more
+    axis, the first.
     """
 
     positions: np.ndarray
     velocities: np.ndarray
     colliders: np.ndarray
     memory: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @classmethod
+    def still(
+        cls, positions: np.ndarray, memory: dict[str, np.ndarray], colliders: np.ndarray | None = None
+    ) -> "Start":
+        """A batch at rest; without bodies, where none are given."""
+        xp = array_namespace(positions)
+        if colliders is None:
+            colliders = xp.zeros((len(positions), 0, 2, 3), dtype=positions.dtype, device=device(positions))
+        return cls(positions, xp.zeros_like(positions), colliders, memory)
 
 
 @dataclass
@@ -50,7 +65,11 @@ class Episode:
 
 
 class Task(ABC):
-    """One scene's task. Every method takes and returns batches, so single and vector environments agree bit for bit."""
+    """One scene's task. Every method takes and returns batches, so single and vector environments agree bit for bit.
+
+    Batches are NumPy arrays, or tensors where an environment lives on a device: of a copy of the task, then, whose own
+    arrays are tensors there.
+    """
 
     size: ClassVar[tuple[float, float]]  # rest height and width [m]
     resolution: ClassVar[tuple[int, int]]  # default rows and columns
@@ -64,20 +83,39 @@ class Task(ABC):
     drive: drives.Drive  # what the action moves, in scenes where it moves something
     options: ClassVar[Mapping[str, float | str]] = {}  # what a preset lets its user change (``with_options``)
     fixed: ClassVar[tuple[str, ...]] = ()  # what a preset leaves no choice of
+    watched: np.ndarray | None = None  # the vertices that the task reads, but for whole meshes; None: maybe all
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.keypoints = scene.grid.keypoints(*self.lattice).astype(np.int32)
         self.handles = np.array(scene.handles, dtype=np.int32)
         self.leads = self.handles[scene.holding.lead]  # the vertex that each handle moves with
+        self.led = bool((self.leads != self.handles).any())  # whether one moves with another
+
+    def watch(self, *more: np.ndarray | int) -> None:
+        """Say that the task reads keypoints, handles and ``more`` vertices only; of classes from outside that is open."""
+        if type(self).__module__.split(".")[0] == __name__.split(".")[0]:
+            parts = self.keypoints, self.handles, *map(np.atleast_1d, more)
+            self.watched = np.unique(np.concatenate(parts)).astype(np.int64)
 
     def __repr__(self) -> str:
         return f"<Task {type(self).__name__} {self.scene.grid}, actions {', '.join(self.actions)}>"
 
     @classmethod
     def make_scene(cls, *, resolution: tuple[int, int], material: Material) -> Scene:
-        """The scene at this resolution and material."""
-        return cls.build_scene(Grid(*resolution, *cls.size), material)
+        """The scene at this resolution and material, and what drives it."""
+        return replace(cls.build_scene(Grid(*resolution, *cls.size), material), driven_by=cls._driver())
+
+    @classmethod
+    def _driver(cls) -> str:
+        """See ``Scene.driven_by``: the first class, seen from this one, that changes more than ``TOLD``."""
+        for each in cls.__mro__:
+            if each.__module__.partition(".")[0] == __name__.partition(".")[0]:
+                return ""
+            own = {name for name in vars(each) if name == "__init__" or not name.startswith(("__", "_abc_"))}
+            if own - TOLD:
+                return f"{each.__module__}:{each.__qualname__}"
+        return ""
 
     @classmethod
     @abstractmethod
@@ -89,9 +127,28 @@ class Task(ABC):
         """The task with some of its ``options`` changed; for those that have any."""
         raise NotImplementedError(f"{cls.__name__} says how its options {', '.join(options)} change it")
 
-    @abstractmethod
+    def __init_subclass__(cls) -> None:
+        """What a class has of its own comes in the place of an inherited ``start``, or ``draw`` and ``lay``."""
+        own = vars(cls)
+        if "start" in own and "draw" not in own:
+            cls.draw, cls.lay = Task.draw, Task.lay  # type: ignore[method-assign]
+        elif "start" not in own and ("draw" in own or "lay" in own):
+            cls.start = _one_of(cls)  # type: ignore[method-assign, assignment]
+
     def start(self, rng: np.random.Generator) -> Start:
-        """A random start; draws only from ``rng``."""
+        """A random start; draws only from ``rng``. A scene has this, or ``draw`` and ``lay``."""
+        raise NotImplementedError(f"{type(self).__name__} needs a start, or draw and lay")
+
+    def draw(self, rng: np.random.Generator) -> dict[str, Any]:
+        """What is random of one start, numbers or arrays by name; draws only from ``rng``."""
+        start = self.start(rng)
+        whole = {"positions": start.positions, "velocities": start.velocities, "colliders": start.colliders}
+        return whole | start.memory
+
+    def lay(self, drawn: dict[str, np.ndarray]) -> Start:
+        """Starts of what was drawn for B members, ``(B, ...)`` each; on a device the arrays are tensors there."""
+        memory = dict(drawn)
+        return Start(memory.pop("positions"), memory.pop("velocities"), memory.pop("colliders"), memory)
 
     @abstractmethod
     def controls(self, episode: Episode) -> Controls:
@@ -102,10 +159,12 @@ class Task(ABC):
 
         Nothing where every handle leads itself.
         """
-        if (self.leads == self.handles).all():
+        if not self.led:
             return {}
-        flat = positions.reshape(len(positions), 3, -1).astype(np.float64)
-        return {"grips": (flat[:, :, self.handles] - flat[:, :, self.leads]).transpose(0, 2, 1).copy()}
+        xp = array_namespace(positions)
+        vertices = xp.permute_dims(positions.reshape(len(positions), 3, -1), (0, 2, 1))
+        at, lead = (xp.astype(vertices[:, which], xp.float64) for which in (self.handles, self.leads))
+        return {"grips": at - lead}
 
     def hold(self, episode: Episode) -> Controls:
         """Controls that bring every handle and body to rest where it is now; a scene changes what it drives.
@@ -146,6 +205,23 @@ class Task(ABC):
     @abstractmethod
     def reward(self, episode: Episode) -> np.ndarray:
         """``(B,)`` in [0, 1]."""
+
+
+def _one_of(task: type[Task]) -> Callable[[Task, np.random.Generator], Start]:
+    """The ``start`` that ``draw`` and ``lay`` of this very class make."""
+
+    def start(self: Task, rng: np.random.Generator) -> Start:
+        """A random start; draws only from ``rng``."""
+        batch = task.lay(self, stacked([task.draw(self, rng)]))
+        memory = {name: values[0] for name, values in batch.memory.items()}
+        return Start(batch.positions[0], batch.velocities[0], batch.colliders[0], memory)
+
+    return start
+
+
+def stacked(drawn: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
+    """What ``Task.draw`` gave for each of some members, ``(B, ...)``."""
+    return {name: np.array([one[name] for one in drawn]) for name in drawn[0]}
 
 
 def documented(task: type[Task]) -> type[Task]:

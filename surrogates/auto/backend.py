@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cloth_envs.arguments import as_number, as_whole
-from cloth_envs.backend import Backend, keywords
+from cloth_envs.backend import Backend, check_material, keywords
 from cloth_envs.material import Material
 from cloth_envs.registry import load_backend, make_backend
 from cloth_envs.scene import Scene
@@ -103,9 +103,7 @@ class AutoBackend:
     def check_material(self, material: Material) -> None:
         """Refuse what one of the backends can't step. Raises ValueError: see ``Backend``."""
         for backend in self._backends:
-            check = getattr(backend, "check_material", None)
-            if check is not None:
-                check(material)
+            check_material(backend, material)
 
     def reset(
         self, state: State, materials: Sequence[Material] | None = None, which: Sequence[int] | None = None

@@ -13,8 +13,10 @@ On sheets the numbers are 1 to 1e-12 and frames are those of ``"reference"`` to 
 ``training/bench/papers/large_step.py`` for why several cells cannot take a larger step.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from cloth_envs.arguments import one_of
 from cloth_envs.extras import missing
@@ -24,9 +26,11 @@ from surrogates.cell.compiled import SHEET, CellNet, CellSheet, dimensional
 from surrogates.checkpoint import load
 
 if TYPE_CHECKING:
+    from surrogates.cell.card import CellCard
     from surrogates.cell.sheet import Force
 
 ENGINES = ("compiled", "torch")
+EMULATED = "emulated"  # a card whose threads take turns on this processor
 PARTICLES = "cnn_particles"  # the default weights of nets; those of a sheet are cnn_<scene>
 
 
@@ -40,7 +44,7 @@ def cnn(
     engine: str = "compiled",
     device: str = "cpu",
     forces: "Sequence[Force]" = (),
-) -> ParticleSolver | CellSheet:
+) -> "ParticleSolver | CellSheet | CellCard":
     """The physics-embedded cell of Zhao 2024, fitted, in place of the solver's inner forces.
 
     Args:
@@ -48,11 +52,16 @@ def cnn(
         num_envs: members of the batch. threads: over them, of the compiled engine.
         dtype: ``"float32"`` or ``"float64"``.
         weights: a checkpoint's name; default ``"cnn_particles"`` or ``"cnn_<scene>"``.
-        engine: ``"compiled"``, or ``"torch"`` on ``device``.
+        engine: ``"compiled"``, or ``"torch"``, through which gradients flow.
+        device: ``"cpu"``, or ``"cuda"``: a sheet's compiled engine is then one kernel a frame for thousands of cloths,
+            without self-contact, and its state lies on the card (``"emulated"`` runs that kernel thread by thread on
+            this processor, slowly, to test it); ``engine="torch"`` computes on any device of torch's.
         forces: plugged in to the torch engine, ``f(positions, velocities) -> (B, 3, H, W)`` [N] in tensors.
 
     Raises:
-        ValueError: a bad argument, weights that there are not, or plugged-in forces without ``engine="torch"``.
+        ValueError: a bad argument, weights that there are not, plugged-in forces without ``engine="torch"``, or a device
+            that can't be used.
+        ImportError: what a device needs is missing; the extra that brings it is named.
     """
     one_of("engine", engine, ENGINES)
     if not isinstance(forces, Sequence) or not all(map(callable, forces)):
@@ -66,13 +75,38 @@ def cnn(
         except ImportError as error:
             raise ImportError(missing('engine="torch"', error)) from error
         net, sheet, options = TorchNet, TorchSheet, options | {"device": usable(device), "forces": forces}
-    elif forces or device != "cpu":
-        raise ValueError('forces and device belong to engine="torch": add it, or leave them out')
+    elif forces:
+        raise ValueError('forces belong to engine="torch": add it, or leave them out')
     name = weights or (PARTICLES if scene.particles is not None else f"cnn_{scene.name.lower()}")
     arrays = load(name).arrays
     if ("factors" in arrays) == (scene.particles is not None):
         of = "a sheet" if "factors" in arrays else "a net of particles"
         raise ValueError(f"weights {name!r} are of {of}, this scene is not: leave weights out")
+    if engine == "compiled" and device != "cpu":
+        return _on_card(scene, arrays, num_envs=num_envs, dtype=dtype, device=device)
     if scene.particles is not None:
         return net(scene, dimensional(scene, arrays), **options)
-    return sheet(scene, dict(zip(SHEET, arrays["factors"].tolist(), strict=True)), **options)
+    return sheet(scene, factors_of(arrays), **options)
+
+
+def factors_of(arrays: Mapping[str, np.ndarray]) -> dict[str, float]:
+    """A sheet's numbers by their names."""
+    return dict(zip(SHEET, arrays["factors"].tolist(), strict=True))
+
+
+def _on_card(scene: Scene, arrays: Mapping[str, np.ndarray], *, dtype: str, **options: Any) -> "CellCard":
+    """A sheet's cell on a card. Raises ValueError, ImportError: what it can't be, or what is missing."""
+    if scene.particles is not None:
+        raise ValueError('a net of particles is on a device with engine="torch" only: add it, or leave device out')
+    if dtype != "float32":
+        raise ValueError(f'dtype={dtype!r}: a card computes in float32; leave dtype out, or add engine="torch"')
+    try:
+        from surrogates.cell.card import CellCard
+        from surrogates.cell.engine import usable
+    except ImportError as error:
+        raise ImportError(missing(f"device={options['device']!r}", error)) from error
+    if options["device"] == EMULATED:
+        options["device"] = "cpu"
+    else:
+        usable(options["device"])
+    return CellCard(scene, factors_of(arrays), **options)

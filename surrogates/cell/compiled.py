@@ -48,6 +48,11 @@ class CellNet(ParticleSolver):
         self._kernel = make_kernel(scene, cell, in_place=False, dtype=self.dtype.name)
 
 
+def felt_as(material: Material, factors: Mapping[str, float]) -> Material:
+    """The material that a cell of these ``factors`` steps ``material`` as."""
+    return material.with_changes(**{name: getattr(material, name) * factor for name, factor in factors.items()})
+
+
 class CellSheet(ExplicitSolver):
     """A sheet whose material is what a cell was identified to be; kernel, contact and ``options`` are the reference's.
 
@@ -61,10 +66,7 @@ class CellSheet(ExplicitSolver):
         self.scene = scene
 
     def check_material(self, material: Material) -> None:
-        super().check_material(self._felt_as(material))
+        super().check_material(felt_as(material, self._factors))
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
-        super().set_materials(which, [self._felt_as(m) for m in materials])
-
-    def _felt_as(self, material: Material) -> Material:
-        return material.with_changes(**{n: getattr(material, n) * f for n, f in self._factors.items()})
+        super().set_materials(which, [felt_as(m, self._factors) for m in materials])

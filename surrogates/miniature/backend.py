@@ -102,7 +102,7 @@ class MiniatureBackend(Upscaled):
         upscaling = make_upscaler(self.upscaler, coarse.scene, scene, factor)
         gains = not isinstance(upscaling, Interpolation) and mends(scene, coarse.scene.grid)
         self.mend = gains if mend is None else true_or_false("mend", mend)
-        self._told = np.full(num_envs, self._plain(scene.material), object)
+        self._told = np.full(num_envs, self.plain(scene.material), object)
         super().__init__(coarse, upscaling, mend=self.mend, guard=guard, threads=threads)
 
     @property
@@ -127,10 +127,15 @@ class MiniatureBackend(Upscaled):
         super().reset(state, materials, which)
         chosen = [self.scene.material] * state.batch if materials is None else materials
         for i, material in zip(range(state.batch) if which is None else which, chosen, strict=True):
-            self._told[i] = self._plain(material)
+            self._told[i] = self.plain(material)
 
-    def _plain(self, material: Material) -> str:
+    def plain(self, material: Material) -> str:
         """Why a cloth of ``material`` is plainer than usual or beyond its card; empty where it is neither."""
         why = self._why or (self._card.material_beyond(material) if self._card is not None else "")
         own = "similar" if self._usual and not self._why else self.scaling
         return f"{own}, {self.upscaler}: {why}" if why else ""
+
+    @property
+    def made_of(self) -> str:
+        """Scaling and upscaler in words."""
+        return f"{self.scaling}, {self.upscaler}"

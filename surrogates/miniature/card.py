@@ -84,7 +84,12 @@ class Card:
         return self.scene_beyond(scene) or self.material_beyond(scene.material) or self.finer(coarse)
 
     def scene_beyond(self, scene: Scene) -> str:
-        """Why the closure was not fitted on ``scene``, whatever its material; empty if it was."""
+        """Why the closure was not fitted on ``scene``, whatever its material; empty if it was.
+
+        Other wind and other ways of handles and bodies are those of another task.
+        """
+        if scene.driven_by:
+            return f"driven by {scene.driven_by}, another task than that of its fit"
         alike = replace(load_task(scene.name).make_scene(resolution=scene.grid.shape, material=scene.material),
                         self_contact=scene.self_contact)  # fmt: skip
         other = [field.name for field in fields(Scene) if getattr(scene, field.name) != getattr(alike, field.name)]

@@ -27,7 +27,8 @@ class Fine:
     Args:
         scene: of the fine cloth. handles: how a coarse one follows its handles.
         mending: of edges; None leaves them as they are.
-        guard: interpolate a cloth bicubically where a network would strain an edge by over ``GUARD``, mended.
+        guard: interpolate a cloth bicubically where a network would strain an edge by over ``GUARD``, mended, and mend
+            it more where that still does.
         threads: over members of the batch.
 
     Attributes:
@@ -51,7 +52,7 @@ class Fine:
         self._kernel = Kernel(
             kernel_sheet(scene), firm, handles.near, handles.guides, handles.pull, rounding=ROUNDING, reach=REACH
         )
-        self._mending = mending or (None, None, None)
+        self._mending = mending or (None, None, None, None)
         self._cubic = upscaling.bicubic.kernel if guard and not isinstance(upscaling, Interpolation) else None
         self.begin(0)
 
@@ -76,10 +77,10 @@ class Fine:
             velocities, speeds = np.empty(shape, np.float32), up.speeds
         else:
             velocities = up.velocities(history)
-        between, last, alone = self._mending
+        between, last, alone, more = self._mending
         self._kernel.fill(
             coarse.positions, coarse.velocities, net, bias, grids, speeds, between if net and grids else None, last,
-            self._cubic, alone, GUARD,
+            self._cubic, alone, more, GUARD,
             controls.handle_positions, controls.handle_velocities, coarse.colliders, coarse.collider_velocities,
             positions, velocities, self.pushed, self.depth, self._guarded, self._threads,
         )  # fmt: skip

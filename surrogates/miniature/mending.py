@@ -38,6 +38,7 @@ class Level(NamedTuple):
 BETWEEN = Level(4, 0.5, 0.0)  # at half the coarse spacing, where a network gives that
 LAST = {2: Level(7, 0.6, 0.55), 3: Level(3, 0.5, 0.6), 4: Level(1, 0.7, 0.75)}  # by the grid's factor
 ALONE = Level(4, 0.5, 0.5)  # without ``BETWEEN``
+MORE = Level(16, 0.5, 0.0)  # of a guarded cloth whose edges are still too long, beside handles between coarse vertices
 
 
 def mends(scene: Scene, coarse: Grid) -> bool:
@@ -70,11 +71,15 @@ def mend(grid: Grid, held: Sequence[int], level: Level) -> Mend:
 
 
 class Mending(NamedTuple):
-    """What mends fine cloths: at half the coarse spacing, if there is such a step; at the end; without such a step."""
+    """What mends fine cloths: at half the coarse spacing, if there is such a step; at the end; without such a step.
+
+    And ``more``, what a cloth without such a step is mended by once more where that was not enough.
+    """
 
     between: Mend | None
     last: Mend
     alone: Mend
+    more: Mend
 
     @classmethod
     def of(cls, upscaling: Upscaler, driven: Sequence[int]) -> "Mending":
@@ -82,8 +87,9 @@ class Mending(NamedTuple):
         scene, half, cols = upscaling.fine, upscaling.half, upscaling.coarse.grid.cols
         firm = np.array(scene.handles, np.int32)[Holding.of(scene.grid, scene.handles, scene.grips).firm].tolist()
         alone = mend(scene.grid, firm, LAST[2] if upscaling.factor <= 2 else ALONE)
+        more = mend(scene.grid, firm, MORE)
         if half is None or not is_compiled(upscaling.positions):
-            return cls(None, alone, alone)
+            return cls(None, alone, alone, more)
         held = [2 * (vertex // cols) * half.cols + 2 * (vertex % cols) for vertex in driven]
         last = mend(scene.grid, firm, LAST[round(upscaling.factor)])
-        return cls(mend(half, held, BETWEEN), last, alone)
+        return cls(mend(half, held, BETWEEN), last, alone, more)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cloth_envs.backend import Stateful
 from cloth_envs.failure import find
 from cloth_envs.material import Material
 from cloth_envs.state import Controls, LazyState, State
@@ -16,7 +17,7 @@ from surrogates.upscale.protocol import RememberingUpscaler, Upscaler
 OWN = "upscaler."  # before the names of what an upscaler remembers
 
 
-class Upscaled:
+class Upscaled(Stateful):
     """A coarse cloth, upscaled when the fine one is read.
 
     Driven vertices of the fine cloth are put exactly where they are driven, others never end in a body. Where the
@@ -41,16 +42,8 @@ class Upscaled:
         self.scene, self.coarse, self.upscaling = replace(coarse.fine, self_contact=own), coarse, upscaling
         mending = Mending.of(upscaling, coarse.handles.vertices) if mend else None
         self.fine = Fine(self.scene, coarse.handles, upscaling, mending=mending, guard=guard, threads=threads)
-        self._state: State | None = None
         self._remembering = upscaling if isinstance(upscaling, RememberingUpscaler) else None
         coarse.frames = upscaling.frames
-
-    @property
-    def state(self) -> State:
-        """The present fine state."""
-        if self._state is None:
-            raise RuntimeError("there is no cloth yet: call reset(state) first")
-        return self._state
 
     @property
     def self_contact(self) -> bool:
@@ -94,12 +87,9 @@ class Upscaled:
         if self._remembering:
             self._remembering.reset(members, self.coarse.history)
         if which is None:
-            self._state = state.astype(np.float32)
             self.fine.begin(state.batch)
-        else:
-            self._state = self.state.copy()
-            self._state.assign(list(which), state)
-        self._state.health = find(self.coarse.scene.grid, self.coarse.state)  # type: ignore[misc]
+        self._begin(state.astype(np.float32), which)
+        self.state.health = find(self.coarse.scene.grid, self.coarse.state)  # type: ignore[misc]
 
     def advance(self, controls: Controls) -> State:
         """One frame; the fine cloth is computed when it is first read, at once for an upscaler that remembers."""

@@ -65,10 +65,12 @@ class Upscaler(ABC):
         bicubic: interpolation of a coarse field, which learned upscalers start from or fall back to.
         recipe: what compiled ``positions`` do.
         speeds: what compiled ``velocities`` do.
+        kind: of the interpolation of velocities, one of ``resample.KINDS``.
         half: the grid that a network of ``recipe`` gives, where interpolation goes on from there.
     """
 
     frames = 1
+    kind = "cubic"
     half: Grid | None = None
     recipe = NOTHING
 
@@ -116,7 +118,7 @@ class Interpolation(Upscaler):
 
     def __init__(self, coarse: Scene, fine: Scene, factor: float, *, kind: str = "cubic") -> None:
         super().__init__(coarse, fine, factor)
-        self._resample = Resampler(coarse.grid, fine.grid, kind)
+        self.kind, self._resample = kind, Resampler(coarse.grid, fine.grid, kind)
         self.speeds = self._resample.kernel
         self.recipe = NOTHING._replace(grids=self.speeds)
 

@@ -39,6 +39,7 @@ BENCHMARKS: dict[str, str] = {
     "peers": "training.bench.peers.run",
     "tables": "training.bench.papers.run",
     "throughput": "training.bench.throughput.run",
+    "gpu": "training.bench.gpu.run",
 }
 # Scenes of the stored rows; others are measured where ``--scenes`` names them.
 MEASURED = ("Curtain", "Flag", "Collision", "Pressure", "Hanging", "BallDrop")
@@ -177,13 +178,15 @@ class Benchmark:
         """Measure what is missing, print the tables, write rows, header and charts.
 
         Raises:
-            ValueError: an unknown name; ``--chart-only`` without ``--out``; rows of ``--quick`` or of another revision
-                would mix with others.
+            ValueError: an unknown name; ``--chart-only`` without ``--out``; rows of ``--quick``, of another revision
+                or of none would mix with others.
         """
         session = Session(self, self.parser().parse_args(argv))
         header = session.out / f"{self.header}.json" if session.out else None
         remedy = "restore it, or start anew with --fresh and another --out"
         old = read_json(header, "quick", remedy=remedy) if header and header.is_file() else None
+        if session.out and not session.given.fresh:
+            check_header(self, session.out)
         if session.given.chart_only:
             if old is None:
                 raise ValueError("--chart-only needs --out, the folder that holds the rows and their header")
@@ -237,6 +240,21 @@ def setup(about: Mapping[str, Any]) -> str:
     threads = about.get("threads", 1)
     parts = [about["processor"], f"{threads} thread{'s' * (threads > 1)}", about.get("engines")]
     return ", ".join(filter(None, [*parts, "QUICK: a trial run, not for citing" if about["quick"] else ""]))
+
+
+def check_header(benchmark: Benchmark, folder: Path) -> None:
+    """That a header tells what the rows are that ``folder`` holds, if any.
+
+    Raises:
+        ValueError: there is none.
+    """
+    header = f"{benchmark.header}.json"
+    rows = [f"{stem}.csv" for stem in benchmark.files if (folder / f"{stem}.csv").is_file()]
+    if rows and not (folder / header).is_file():
+        raise ValueError(
+            f"{folder} holds {', '.join(rows)} without {header}, which tells their revision: restore it, choose "
+            "another --out, or --fresh to measure them again"
+        )
 
 
 def check_revision(old: str | None, now: str, folder: Path | None) -> None:

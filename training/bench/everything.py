@@ -9,7 +9,6 @@ import argparse
 import json
 import os
 import shutil
-import subprocess
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -22,7 +21,8 @@ from cloth_envs.arguments import whole_number
 from cloth_envs.files import check_folder, read_json, write_text
 from cloth_envs.parsing import Parser
 from cloth_envs.progress import announce, progress, say
-from training.bench.benchmark import BENCHMARKS, Benchmark, check_revision, find, revision, saved
+from training.bench.benchmark import BENCHMARKS, Benchmark, check_header, check_revision, find, revision, saved
+from training.bench.children import Children
 from training.rows import Store, read_names
 
 # All but those of kernels, of solvers, of single sheets, of other programs, of other papers and of a million steps, and
@@ -31,7 +31,6 @@ APART = ("throughput", "convergence", "folds", "peers", "tables", "endurance", "
 USUAL = [name for name in BENCHMARKS if name not in APART]
 RECORD, PARTS, TIMES = "all.json", "parts", ("--times-only",)
 RUN = "import sys; from training.bench.benchmark import find; sys.exit(find(sys.argv[1]).main(sys.argv[2:]))"
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 @dataclass(frozen=True)
@@ -59,9 +58,12 @@ class Everything:
         self.given, self.out = given, check_folder(given.out)
         self.chosen = [find(name) for name in read_names(given.only, list(BENCHMARKS), "benchmark")]
         self.revision, self.done, self.failed = revision(), dict[str, float](), dict[str, str]()
+        self.children = Children()
         record = self.out / RECORD
         if given.fresh:
             self.clear()
+        for benchmark in self.chosen:
+            check_header(benchmark, self.out)
         for path in (record, *(self.out / f"{b.header}.json" for b in self.chosen)):
             if path.is_file():
                 old = read_json(path, "quick", remedy="restore it, or start anew with --fresh")
@@ -91,11 +93,11 @@ class Everything:
         words += ["--images", str(given.images)] if given.images and folder == self.out else []
         command, begin = [sys.executable, "-c", RUN, piece.benchmark, *words], perf_counter()
         with log.open("w") as file:
-            ran = subprocess.run(command, env=os.environ | ONE_THREAD, stdout=file, stderr=file, check=False)
+            ended = self.children.start(command, file).wait()
         why, seconds = "", round(perf_counter() - begin, 1)
-        if ran.returncode:
+        if ended:
             said = log.read_text(errors="replace").strip().splitlines()
-            why = said[-1] if said else f"it ended with {ran.returncode}"
+            why = said[-1] if said else f"it ended with {ended}"
         else:
             at = read_json(folder / f"{find(piece.benchmark).header}.json", remedy="start anew with --fresh")[
                 "revision"
@@ -118,6 +120,9 @@ class Everything:
         mine = parts(benchmark)
         if any(piece.name not in self.done for piece in mine):
             return
+        header = f"{benchmark.header}.json"
+        if not (self.out / header).is_file():
+            shutil.copy(self.out / PARTS / mine[0].name / header, self.out)
         for stem, file in benchmark.files.items():
             store: Store[Any] = Store(self.out / f"{stem}.csv", file.kind, file.key)
             for piece in mine if file.key else ():
@@ -127,6 +132,20 @@ class Everything:
             for piece in (*mine, Piece(benchmark.name), Piece(benchmark.name, TIMES)):
                 shutil.rmtree(self.out / PARTS / piece.name, ignore_errors=True)
                 (self.out / PARTS / f"{piece.name}.txt").unlink(missing_ok=True)
+
+    def measure(self, pieces: Sequence[Piece]) -> None:
+        """Times alone, then ``pieces``, then what follows from them."""
+        for benchmark in (b for b in self.chosen if b.times):
+            self.note(*self.run(Piece(benchmark.name, TIMES), self.out))
+        with ThreadPoolExecutor(self.given.jobs) as pool:
+            running = [pool.submit(self.part, piece) for piece in pieces]
+            try:
+                for one in progress(as_completed(running), "all", len(running), unit="piece"):
+                    self.note(*one.result())
+            finally:
+                pool.shutdown(cancel_futures=True)
+        for benchmark in self.chosen:
+            self.finish(benchmark)
 
     def note(self, piece: Piece, seconds: float, why: str) -> None:
         """Keep what has come of a piece."""
@@ -169,17 +188,8 @@ def main(argv: Sequence[str]) -> int:
         f"{', '.join(b.name for b in chosen)} into {given.out}: times alone, then {len(pieces)} pieces, {given.jobs} "
         f"at once; {len(all_of.done)} are done. Stopped by Ctrl-C, the same command goes on."
     )
-    for benchmark in (b for b in chosen if b.times):
-        all_of.note(*all_of.run(Piece(benchmark.name, TIMES), given.out))
-    with ThreadPoolExecutor(given.jobs) as pool:
-        running = [pool.submit(all_of.part, piece) for piece in pieces]
-        try:
-            for one in progress(as_completed(running), "all", len(running), unit="piece"):
-                all_of.note(*one.result())
-        finally:
-            pool.shutdown(cancel_futures=True)
-    for benchmark in chosen:
-        all_of.finish(benchmark)
+    with all_of.children.watched():
+        all_of.measure(pieces)
     if not any((given.out / PARTS).iterdir()):
         (given.out / PARTS).rmdir()
     print(all_of.summary(perf_counter() - begin))

@@ -125,8 +125,8 @@ def run(
         reasons = failures.check(found.states[-1], state)
         found.states.append(state.copy())
         found.seconds.append(seconds)
-        for i, reason in enumerate(reasons):
-            if reason and not found.failures[i] and (physics or reason == "non-finite"):
+        for i, reason in reasons.items():
+            if not found.failures[i] and (physics or reason == "non-finite"):
                 found.failures[i] = f"{reason} at frame {frame}"
         if seconds.cpu > slow or (stop and any(found.failures)):
             break

@@ -14,9 +14,10 @@ import numpy as np
 
 from cloth_envs.material import FABRICS
 from cloth_envs.progress import progress
-from cloth_envs.registry import PRESETS, load_task, make_backend
+from cloth_envs.registry import PRESETS, load_task
 from cloth_envs.world import World
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
+from training.bench.participants import Participant, extra
 from training.metrics.errors import vertex_error
 from training.rollouts import Recording, record, replay, seeded_actions
 from training.rows import rounded
@@ -26,6 +27,7 @@ SEEDS = range(1410, 1413)  # policies take turns; where cards hold was chosen on
 POLICIES = ("smooth", "random", "bang-bang")
 STARTS, FRAMES = (20, 50), (5, 10)
 FACTORS = (2, 4)
+QUICK = ("own", "leather", "areal_density x 4", "compression 0.5", "half the grid", "9 x 13")  # of the variants
 SINGLE = ("areal_density", "stretch_stiffness", "shear_stiffness", "bend_stiffness", "damping")
 METHODS: Mapping[str, dict[str, Any]] = {
     "default": {},
@@ -39,7 +41,7 @@ class OutsideRow:
     """Errors of the METHODS after ``frames`` [% of the cloth's length], NaN of one that refuses the scene.
 
     ``told`` is what ``info["surrogate"]`` says of the default; empty within the card. ``lost`` counts cloths that ended
-    in the reference's run and were left out.
+    in the reference's run and were left out. ``others`` are errors of what ``--backend`` named, by its label, as JSON.
     """
 
     scene: str
@@ -52,6 +54,7 @@ class OutsideRow:
     closure: float
     similar: float
     told: str
+    others: str = "{}"
 
 
 def variants(scene: str) -> dict[str, dict[str, Any]]:
@@ -83,12 +86,11 @@ def windows(scene: str, options: Mapping[str, Any], seeds: Sequence[int], starts
     return record(world, seeded_actions(world, seeds, POLICIES, max(keep)), keep, seeds=seeds)
 
 
-def errors(run: Recording, starts: Sequence[int], factor: int, **options: Any) -> tuple[dict[int, float], str]:
+def errors(run: Recording, starts: Sequence[int], one: Participant) -> tuple[dict[int, float], str]:
     """Mean error after each of FRAMES, and what the backend tells."""
     found: dict[int, list[float]] = {frames: [] for frames in FRAMES}
-    kwargs = {"factor": factor, **options}
     try:
-        backend = make_backend("miniature", run.scene, num_envs=len(run.materials), backend_kwargs=kwargs)
+        backend = one.build(run.scene, len(run.materials))
     except ValueError:
         return dict.fromkeys(FRAMES, float("nan")), ""
     for start in starts:
@@ -102,39 +104,53 @@ def errors(run: Recording, starts: Sequence[int], factor: int, **options: Any) -
 
 
 def measure(session: Session) -> None:
-    """Every scene, variant and factor that is missing."""
-    store = session.store(STEM)
+    """Every scene, variant and factor that is missing, or lacks one of ``--backend``."""
+    store, others = session.store(STEM), extra(session.given.backend)
     seeds, starts = (SEEDS, STARTS[:1]) if session.quick else (SEEDS, STARTS)
     session.about |= {"seeds": list(seeds), "starts": starts, "actions": POLICIES}
-    cells = [(scene, name, options) for scene in session.scenes for name, options in variants(scene).items()]
+    cells = [
+        (scene, name, options)
+        for scene in session.scenes
+        for name, options in variants(scene).items()
+        if name in QUICK or not session.quick
+    ]
+    labels = {one.label for one in others}
     for scene, name, options in progress(cells, STEM, name=lambda cell: f"{cell[0]} {cell[1]}"):
-        if all((scene, name, factor, frames) in store for factor in FACTORS for frames in FRAMES):
+        rows = [r for r in store.rows if (r.scene, r.variant) == (scene, name)]
+        there = {(r.factor, r.frames): json.loads(r.others) for r in rows}
+        if len(there) == len(FACTORS) * len(FRAMES) and all(labels <= known.keys() for known in there.values()):
             continue
         run = windows(scene, options, seeds, starts)
         good = run.only(run.good)
         if not good.materials:
             continue
+        apart = {one.label: errors(good, starts, one)[0] for one in others}
         for factor in FACTORS:
-            by = {method: errors(good, starts, factor, **given) for method, given in METHODS.items()}
+            methods = (Participant(key, "miniature", {"factor": factor, **given}) for key, given in METHODS.items())
+            by = {one.family: errors(good, starts, one) for one in methods}
             for frames in FRAMES:
                 default, closure, similar = (by[method][0][frames] for method in METHODS)
                 count, lost = len(starts) * len(good.materials), len(run.failures) - len(good.materials)
-                row = scene, name, factor, frames, count, lost, default, closure, similar, by["default"][1]
+                more = {label: float(f"{error[frames]:.5g}") for label, error in apart.items()}
+                told = by["default"][1], json.dumps(there.get((factor, frames), {}) | more)
+                row = scene, name, factor, frames, count, lost, default, closure, similar, *told
                 store.add(rounded(OutsideRow(*row)))
 
 
 def table(rows: Sequence[OutsideRow]) -> str:
     """A line a variant and factor: errors over the similar cloth's, scene by scene; * where the default tells."""
     scenes = list(dict.fromkeys(r.scene for r in rows))
-    lines = [
-        f"{'after 10 frames':28s}" + "".join(f"{scene:>20s}" for scene in scenes) + "   default / closure over similar"
-    ]
+    methods = " / ".join(["   default", "closure", *dict.fromkeys(name for r in rows for name in json.loads(r.others))])
+    lines = [f"{'after 10 frames':28s}" + "".join(f"{scene:>20s}" for scene in scenes) + f"{methods} over similar"]
     for variant, factor in dict.fromkeys((r.variant, r.factor) for r in rows):
         cells = []
         for scene in scenes:
             mine = [r for r in rows if (r.scene, r.variant, r.factor, r.frames) == (scene, variant, factor, FRAMES[-1])]
-            text = [f"{r.default / r.similar:.2f}{'*' * bool(r.told)} / {r.closure / r.similar:.2f}" for r in mine]
-            cells.append(f"{text[0] if text else '-':>20s}")
+            text = "-"
+            for r in mine:
+                more = (f" / {error / r.similar:.2f}" for error in (r.closure, *json.loads(r.others).values()))
+                text = f"{r.default / r.similar:.2f}{'*' * bool(r.told)}{''.join(more)}"
+            cells.append(f"{text:>20s}")
         lines.append(f"{variant:24s} x{factor:<2d} " + "".join(cells))
     worse = [r for r in rows if r.default > 1.005 * r.similar]
     lines.append(f"worse than similar: {len(worse)} of {len(rows)}")

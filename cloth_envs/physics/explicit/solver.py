@@ -5,15 +5,14 @@ from collections.abc import Sequence
 import _minicloth_kernels as kernels
 import numpy as np
 
-from cloth_envs.arguments import whole_number
 from cloth_envs.material import Material
-from cloth_envs.physics.explicit.bounds import HELD, LEVELS, interval, parting, stable_step
+from cloth_envs.physics.explicit.bounds import LEVELS, parting
+from cloth_envs.physics.explicit.cuts import FrameCuts
 from cloth_envs.physics.laws.diagnostics import strains
 from cloth_envs.physics.solver import PRESSURE, STRETCH, Solver, fastest, kernel_material, kernel_sheet
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 
-MAX_SUBSTEPS = 20_000  # per frame
 BREEZE = 5.0  # Pa, which bursts no cloth: what is not finite then has another cause
 SOUND = 340.0  # m/s, to which the law of the air reaches at most
 
@@ -60,10 +59,8 @@ class ExplicitSolver(Solver):
         held: int | None = None,
     ) -> None:
         super().__init__(scene, num_envs=num_envs, threads=threads, dtype=dtype)
-        self._refine = whole_number("refine", refine)
-        self._held = None if held is None else whole_number("held", held)
+        self._cutter = FrameCuts(scene, substeps=substeps, refine=refine, held=held)
         self._fastest = fastest(scene)
-        self._wanted = None if substeps is None else whole_number("substeps", substeps)
         kernel = kernels.Explicit32 if self.dtype == np.float32 else kernels.Explicit64
         self._kernel = kernel(kernel_sheet(scene), [most for *_, most in LEVELS])
         self._stepped = [scene.material] * num_envs
@@ -75,7 +72,7 @@ class ExplicitSolver(Solver):
 
     def check_material(self, material: Material) -> None:
         super().check_material(material)
-        self._count(material)
+        self._cutter.count(material)
 
     @property
     def cuts(self) -> np.ndarray:
@@ -97,38 +94,8 @@ class ExplicitSolver(Solver):
 
     def set_materials(self, which: Sequence[int], materials: Sequence[Material]) -> None:
         for i, m in zip(which, materials, strict=True):
-            self._stepped[i], self._felt[i], self._cuts[i] = m, kernel_material(m), self._cut(m)
+            self._stepped[i], self._felt[i], self._cuts[i] = m, kernel_material(m), self._cutter(m)
             self._parting[i] = parting(self.scene, m, self.scene.frame_dt / int(self.substeps[i]))
-
-    def _cut(
-        self, material: Material, pressure: float = PRESSURE, speed: float = 0.0, cause: str = "this material"
-    ) -> list[tuple[int, int]]:
-        """How a frame is cut for each of ``LEVELS``. Raises ValueError: see ``_count``."""
-        scene, first, cuts = self.scene, self._count(material, pressure, speed, cause), []
-        for shear, times, _ in LEVELS:
-            least = int(np.ceil(scene.frame_dt / stable_step(scene, material, pressure, speed, shear)))
-            count = max(first, least * self._refine) * times
-            h = scene.frame_dt / count
-            held = interval(scene, material, h, pressure, speed, loose=self._held is not None)
-            most = HELD if self._held is None else self._held
-            cuts.append((count, min(held, most) if times == 1 else 1))  # in the last anything may be fast in air
-        return cuts
-
-    def _count(
-        self, material: Material, pressure: float = PRESSURE, speed: float = 0.0, cause: str = "this material"
-    ) -> int:
-        """Substeps in a frame. Raises ValueError: more than the limit, or fewer wanted than are stable."""
-        least = np.ceil(self.scene.frame_dt / stable_step(self.scene, material, pressure, speed))
-        count = least * self._refine if self._wanted is None else self._wanted
-        if count < least:
-            what = cause.removeprefix("this ")
-            raise ValueError(f"substeps={count} is unstable for this grid and {what}; use at least {least:.0f}")
-        if not count <= MAX_SUBSTEPS:
-            raise ValueError(
-                f"{cause} needs {count:.0f} substeps a frame, the limit is {MAX_SUBSTEPS}: lower its stiffness "
-                "or damping, raise its areal_density, or use a coarser resolution"
-            )
-        return int(count)
 
     def _cuts_of(self, old: State, controls: Controls, speeds: Sequence[float] = ()) -> np.ndarray:
         """``_cuts`` of the frame from ``old``, in which something has ``speeds`` ``(B,)`` [m/s] if they are given.
@@ -153,7 +120,7 @@ class ExplicitSolver(Solver):
                     stretch = 1 + strains(scene.grid, old.positions[[i]]).max()
                     load = _rounded(pressure[i] * max(2 * stretch / STRETCH, 1.0))
                 cause = f"a pressure of {controls.pressure[i]:g} Pa on cloth that it stretched {stretch:.3g} times"
-            cuts[i] = self._cut(self._stepped[i], load, speed, cause)
+            cuts[i] = self._cutter(self._stepped[i], load, speed, cause)
         return cuts
 
     def _levels_of(self, state: State) -> np.ndarray:

@@ -23,5 +23,7 @@ NB_MODULE(_minicloth_kernels, m) {
   bind_state(m);
   bind_measures(m);
   bind_controls(m);
+  bind_choose(m);
+  bind_card(m);
   m.def("instruction_set", [] { return kSets[kSet]; }, "The instruction set that the kernels run on this processor.");
 }

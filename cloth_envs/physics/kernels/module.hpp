@@ -17,5 +17,7 @@ void bind_fine(nanobind::module_& m);
 void bind_state(nanobind::module_& m);
 void bind_measures(nanobind::module_& m);
 void bind_controls(nanobind::module_& m);
+void bind_choose(nanobind::module_& m);
+void bind_card(nanobind::module_& m);
 
 }  // namespace minicloth

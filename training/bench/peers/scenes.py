@@ -156,7 +156,7 @@ def follow(setup: Setup, engine: Backend, *, seconds: float = LATE, limit: float
     for frame, (state, taken) in enumerate(frames, 1):
         times.append(engine.taken if isinstance(engine, Peer) else np.array([taken.wall, taken.cpu]))
         state = state.astype(np.float64)
-        failure = failures.check(before, state)[0] or ""
+        failure = failures.check(before, state).get(0, "")
         if not failure and np.sum(times, 0)[0] > limit:
             failure = f"stopped after {limit:g} s,"
         if failure:

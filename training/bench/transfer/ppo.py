@@ -2,11 +2,13 @@
 
 Every update plays one episode of each member, from seeds that no other update has, and goes over it in shuffled
 minibatches. Observations are scaled by their running mean and spread, rewards by the spread of their discounted sums.
+On a world whose backend is on a device all of it is there.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import torch
@@ -39,19 +41,22 @@ class Recipe:
 class Running:
     """Mean and variance of all rows that it was shown, column by column (Chan, Golub & LeVeque 1979)."""
 
-    def __init__(self, size: int) -> None:
-        self.count, self.mean, self.square = 0, np.zeros(size), np.zeros(size)
+    def __init__(self, size: int, device: torch.device | None = None) -> None:
+        self.count = 0
+        self.mean, self.square = torch.zeros((2, size), dtype=torch.float64, device=device)
 
-    def add(self, rows: np.ndarray) -> None:
+    def add(self, rows: Tensor) -> None:
         """``(N, size)`` more."""
-        both, off = self.count + len(rows), rows.mean(0) - self.mean
-        self.square = self.square + ((rows - rows.mean(0)) ** 2).sum(0) + off**2 * self.count * len(rows) / both
-        self.mean, self.count = self.mean + off * len(rows) / both, both
+        rows = rows.double()
+        middle, both = rows.mean(0), self.count + len(rows)
+        off = middle - self.mean
+        self.square = self.square + ((rows - middle) ** 2).sum(0) + off**2 * (self.count * len(rows) / both)
+        self.mean, self.count = self.mean + off * (len(rows) / both), both
 
     @property
-    def spread(self) -> np.ndarray:
+    def spread(self) -> Tensor:
         """The standard deviation, kept off zero."""
-        return np.sqrt(self.square / max(self.count, 1) + 1e-8)
+        return (self.square / max(self.count, 1) + 1e-8).sqrt()
 
 
 def network(*sizes: int, last: float) -> nn.Sequential:
@@ -68,15 +73,16 @@ def network(*sizes: int, last: float) -> nn.Sequential:
 class Agent(nn.Module):
     """A Gaussian around what a network of 64 x 64 says of scaled observations, and such a network for their values."""
 
-    def __init__(self, observed: int, actions: int, spread: float) -> None:
+    def __init__(self, observed: int, actions: int, spread: float, device: torch.device | None = None) -> None:
         super().__init__()
-        self.seen = Running(observed)
+        self.seen = Running(observed, device)
         self.actor, self.critic = network(observed, 64, 64, actions, last=0.01), network(observed, 64, 64, 1, last=1.0)
         self.log_spread = nn.Parameter(torch.full((actions,), float(np.log(spread))))
+        self.to(device)
 
-    def scaled(self, obs: np.ndarray) -> Tensor:
+    def scaled(self, obs: Tensor) -> Tensor:
         """What the networks are given."""
-        return torch.as_tensor(np.clip((obs - self.seen.mean) / self.seen.spread, -10, 10), dtype=torch.float32)
+        return ((obs - self.seen.mean) / self.seen.spread).clamp(-10, 10).float()
 
     def log_probability(self, scaled: Tensor, actions: Tensor) -> Tensor:
         """Of actions ``(..., A)``, but for a constant."""
@@ -86,8 +92,8 @@ class Agent(nn.Module):
     @torch.no_grad()
     def act(self, obs: np.ndarray) -> np.ndarray:
         """The middle of the Gaussian within bounds, ``(B, A)``."""
-        middle: Tensor = self.actor(self.scaled(obs))
-        return middle.clamp(-1, 1).double().numpy()
+        middle: Tensor = self.actor(self.scaled(torch.as_tensor(obs, device=self.seen.mean.device)))
+        return middle.clamp(-1, 1).double().cpu().numpy()
 
 
 def advantages(rewards: Tensor, values: Tensor, alive: Tensor, discount: float, trace: float) -> Tensor:
@@ -111,41 +117,52 @@ def train(
 
     ``tell`` is given the number of every update and the mean reward a frame in it.
     """
-    members, noise = world.num_envs, torch.Generator().manual_seed(seed)
+    members, device = world.num_envs, world.device
+    noise = torch.Generator(device or "cpu").manual_seed(seed)
     discount = float(np.exp(-world.scene.frame_dt / recipe.horizon))
-    with torch.random.fork_rng():
+
+    def observe() -> Tensor:
+        return torch.as_tensor(world.observe(), device=device)
+
+    with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         world.reset({i: np_random(i)[0] for i in range(members)})
-        agent = Agent(world.observe().shape[1], len(world.task.actions), recipe.spread)
-    optimizer, earned = torch.optim.Adam(agent.parameters(), lr=recipe.rate, eps=1e-5), Running(1)
+        agent = Agent(observe().shape[1], len(world.task.actions), recipe.spread, device)
+    optimizer, earned = torch.optim.Adam(agent.parameters(), lr=recipe.rate, eps=1e-5), Running(1, device)
     for update in range(recipe.updates):
         optimizer.param_groups[0]["lr"] = recipe.rate * (1 - update / recipe.updates)
         first = FIRST_SEED * (seed + 1) + update * members
         world.reset({i: np_random(first + i)[0] for i in range(members)})
-        obs, sums, alive, total, played = world.observe(), np.zeros(members), np.ones(members, bool), 0.0, []
+        obs, played, total = observe(), [], torch.zeros((), dtype=torch.float64, device=device)
+        sums = torch.zeros(members, dtype=torch.float64, device=device)
+        alive = torch.ones(members, dtype=torch.bool, device=device)
         for _ in range(frames):
             agent.seen.add(obs)
-            scaled, before = agent.scaled(obs), torch.as_tensor(alive)
+            scaled, before = agent.scaled(obs), alive
             with torch.no_grad():
-                drawn = torch.randn((members, agent.log_spread.numel()), generator=noise)
+                drawn = torch.randn((members, agent.log_spread.numel()), generator=noise, device=device)
                 actions = agent.actor(scaled) + agent.log_spread.exp() * drawn
                 told = agent.log_probability(scaled, actions)
-            rewards, reasons = world.step(actions.clamp(-1, 1).double().numpy())
-            alive = alive & [reason is None for reason in reasons]
+            clipped: Any = actions.clamp(-1, 1).double()
+            found, reasons = world.advance(world.read(clipped if device else clipped.numpy()))
+            rewards = torch.as_tensor(found, device=device)
+            if reasons:
+                alive = alive.clone()
+                alive[list(reasons)] = False
             sums = discount * sums + rewards
             earned.add(sums[:, None])
-            total += float((rewards * alive).mean()) / frames
-            gained = torch.as_tensor(rewards / earned.spread, dtype=torch.float32)
-            played.append((scaled, actions, told, gained, torch.as_tensor(alive, dtype=torch.float32), before))
-            obs = world.observe()
-        tell(update, total)
+            total += (rewards * alive).mean() / frames
+            gained = (rewards / earned.spread).float()
+            played.append((scaled, actions, told, gained, alive.float(), before))
+            obs = observe()
+        tell(update, float(total))
         scaled, actions, told, gained, going, counts = (torch.stack(column) for column in zip(*played, strict=True))
         with torch.no_grad():
             values = agent.critic(torch.cat([scaled, agent.scaled(obs)[None]]))[..., 0]
         gains = advantages(gained, values, going, discount, recipe.trace)
         data = [part[counts] for part in (scaled, actions, told, gains, gains + values[:-1])]
         for _ in range(recipe.epochs):
-            for rows in torch.split(torch.randperm(len(data[0]), generator=noise), recipe.minibatch):
+            for rows in torch.split(torch.randperm(len(data[0]), generator=noise, device=device), recipe.minibatch):
                 x, a, old, gain, goal = (part[rows] for part in data)
                 gain = (gain - gain.mean()) / (gain.std() + 1e-8)
                 ratio = (agent.log_probability(x, a) - old).exp()

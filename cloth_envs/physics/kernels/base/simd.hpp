@@ -1,5 +1,9 @@
-// Vectors as wide as the instruction set that this file is compiled for (GCC and Clang vector types).
+// Vectors as wide as the instruction set that this file is compiled for (GCC and Clang vector types), or single numbers
+// where MINICLOTH_SCALAR is defined: on a graphics card every thread is a lane.
 #pragma once
+#ifdef MINICLOTH_SCALAR
+#include "scalar.hpp"
+#else
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -249,6 +253,15 @@ inline T pick(const T& a, const T& b, const Number& number) {
   return __builtin_shuffle(a, b, number);
 #endif
 }
+
+}  // namespace
+}  // namespace LANES
+}  // namespace minicloth
+#endif
+
+namespace minicloth {
+namespace LANES {
+namespace {
 
 template <class T>
 struct V3 {

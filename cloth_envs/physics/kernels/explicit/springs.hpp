@@ -1,5 +1,6 @@
 // What springs pull with, in vectors. Included where it is compiled for an instruction set.
 #pragma once
+#include "../sheet/yielding.hpp"
 #include "ghosts.hpp"
 
 namespace minicloth {
@@ -25,11 +26,6 @@ inline void pull(V<float> (&q)[4], const Spring<float>* const (&s)[4]) {
 }
 inline void pull(V<double> (&q)[4], const Spring<double>* const (&s)[4]) {
   for (int i = 0; i < 4; ++i) q[i] = s[i]->k - s[i]->k * (s[i]->length * rsqrt(q[i]));
-}
-
-template <class T>
-inline V<T> square(const V3<T>& d) {
-  return d.x * d.x + (d.y * d.y + (d.z * d.z + tiny<T>));
 }
 
 // What springs pull to: the force is to - over * x, where `over` is the sum of what they pull with over their length.

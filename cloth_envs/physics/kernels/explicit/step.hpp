@@ -18,32 +18,26 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
   const V<T> none = {};
   const V<T> stretch = load(p.stretch), shear = load(p.shear), damping = load(p.damping);
   const V<T> accelerate = load(p.accelerate), decay = load(p.decay), dt = load(p.dt);
-  const V<T> yields = load(p.yields), buckled = load(p.buckled), buckling = load(p.buckling);
-  const V<T> shortened_damping = load(p.shortened_damping);
+  const Yielding<T> yielding = {load(p.yields), load(p.buckled), load(p.buckling), load(p.shortened_damping)};
   const std::ptrdiff_t to_x = f.x - f.y, to_v = f.v - f.y, to_slow = f.slow - f.y;
   T* const arrive = f.arrive;
   ghosts(s, f.x, 0, 1), ghosts(s, f.y, 0, 1);
   const std::vector<Moving<T>>* const moving = kPart == Part::kBodies ? &moving_bodies(bodies, p) : nullptr;
 
   // What edges to d pull with, over d; e are the same of y.
-  const auto edges = [&](const V3<T>(&d)[4], const V3<T>(&e)[4], const Spring<T>* const(&springs)[4],
-                         V<T>(&p)[4]) __attribute__((always_inline)) {
-    if constexpr (kSimple) {
-      for (int i = 0; i < 4; ++i) p[i] = e[i].x * e[i].x + tiny<T>;
-      for (int i = 0; i < 4; ++i) p[i] += e[i].y * e[i].y;
-      for (int i = 0; i < 4; ++i) p[i] += e[i].z * e[i].z;
-      pull(p, springs);
-    } else {
-      for (int i = 0; i < 4; ++i) {
-        const Spring<T>& spring = *springs[i];
-        const V<T> inverse = rsqrt(square<T>(d[i])), ratio = spring.length * inverse, extra = T(1) - ratio;
-        const V<T> shorter = extra < T(0) ? extra : none, limit = -buckling * ratio;
-        const V<T> rate = extra < T(0) ? shortened_damping : none + T(1);
-        const V<T> damped = dot(d[i], e[i] - d[i]) * (inverse * inverse);  // damping d . w / |d|^2
-        p[i] = spring.k * (extra + yields * shorter + buckled * (shorter > limit ? shorter : limit) + rate * damped);
-      }
-    }
-  };
+  const auto edges = [&](const V3<T>(&d)[4], const V3<T>(&e)[4], const Spring<T>* const(&springs)[4], V<T>(&p)[4])
+                         __attribute__((always_inline)) {
+                           if constexpr (kSimple) {
+                             for (int i = 0; i < 4; ++i) p[i] = e[i].x * e[i].x + tiny<T>;
+                             for (int i = 0; i < 4; ++i) p[i] += e[i].y * e[i].y;
+                             for (int i = 0; i < 4; ++i) p[i] += e[i].z * e[i].z;
+                             pull(p, springs);
+                           } else {
+                             for (int i = 0; i < 4; ++i) {
+                               p[i] = yielding_pull(d[i], e[i], springs[i]->k, springs[i]->length, yielding);
+                             }
+                           }
+                         };
   const auto move = [&](T* y, const V3<T>& x, const Pulls<T>& all, const V<T>& kick,
                         const V<T>& fall) __attribute__((always_inline)) {
     const V3<T> v = get<T>(y + to_v);

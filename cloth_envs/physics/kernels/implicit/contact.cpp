@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "../sheet/bodies.hpp"
+#include "../sheet/drives.hpp"
 
 namespace minicloth {
 namespace {

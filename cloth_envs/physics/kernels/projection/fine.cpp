@@ -57,12 +57,12 @@ class Fine {
   }
 
   // Fills x and v (B, 3, H, W). `between` mends at the half spacing that a network gives, `mend` at the end. `guard` is
-  // the strain above which positions are interpolated by `cubic` instead.
+  // the strain above which positions are interpolated by `cubic` instead, and above which `mend_more` mends these too.
   void fill(Fields coarse_x, Fields coarse_v, const PatchNet* net, In<float, 2> bias, const Grids* grids,
             const Grids* speeds, const Mend* between, const Mend* mend, const Grids* cubic, const Mend* mend_cubic,
-            double guard, In<double, 3> driven_x, In<double, 3> driven_v, Fields ends, Fields velocities,
-            Out<float, 4> x, Out<float, 4> v, Out<int, 1> pushed, Out<float, 1> depth, Out<int, 1> guarded,
-            int threads) const {
+            const Mend* mend_more, double guard, In<double, 3> driven_x, In<double, 3> driven_v, Fields ends,
+            Fields velocities, Out<float, 4> x, Out<float, 4> v, Out<int, 1> pushed, Out<float, 1> depth,
+            Out<int, 1> guarded, int threads) const {
     const std::size_t batch = x.shape(0), rows = sheet_.rows, cols = sheet_.cols, held = sheet_.handles.size();
     const std::size_t h = coarse_x.shape(2), w = coarse_x.shape(3), n = 3 * rows * cols, few = 3 * h * w;
     const std::initializer_list<std::size_t> cloth = {batch, 3, rows, cols}, driven = {batch, held, 3},
@@ -82,7 +82,8 @@ class Fine {
          "interpolation after a network must start from half the spacing");
     for (const Grids* each : {grids, speeds, cubic})
       need(!each || (each->rows.count == int(rows) && each->cols.count == int(cols)), "interpolation to another grid");
-    for (const Mend* each : {mend, mend_cubic}) need(!each || each->fits(rows, cols), "what mends is for another grid");
+    for (const Mend* each : {mend, mend_cubic, mend_more})
+      need(!each || each->fits(rows, cols), "what mends is for another grid");
     need(!between || (net && grids && between->fits(2 * h - 1, 2 * w - 1)),
          "what mends between is for half the spacing");
     nb::gil_scoped_release release;
@@ -108,9 +109,13 @@ class Fine {
         (*grids)(from, 3, at);
       finish(mend);
       guarded.data()[b] = cubic && !(strain(at) <= guard);
-      if (guarded.data()[b]) (*cubic)(from, 3, at), finish(mend_cubic);
+      if (guarded.data()[b]) {
+        (*cubic)(from, 3, at), finish(mend_cubic);
+        if (mend_more && !(strain(at) <= guard)) finish(mend_more);
+      }
+      const Held stay = {held_, [&](float* other) { put(other, there); }};
       const bool folds = sheet_.self_thickness > 0;
-      for (int round = 0; folds && round < 2 && separate(sheet_, from, int(h), int(w), at, round > 0); ++round) {
+      for (int round = 0; folds && round < 2 && separate(sheet_, stay, from, int(h), int(w), at, round > 0); ++round) {
         int again;
         float deepest;
         put(at, there), push_out(at, met, again, deepest);
@@ -212,9 +217,9 @@ void bind_fine(nb::module_& m) {
            nb::arg("firm"), nb::arg("near"), nb::arg("guides"), nb::arg("pull"), nb::arg("rounding"), nb::arg("reach"))
       .def("fill", &Fine::fill, nb::arg("coarse_x"), nb::arg("coarse_v"), nb::arg("net").none(), nb::arg("bias"),
            nb::arg("grids").none(), nb::arg("speeds").none(), nb::arg("between").none(), nb::arg("mend").none(),
-           nb::arg("cubic").none(), nb::arg("mend_cubic").none(), nb::arg("guard"), nb::arg("driven_x"),
-           nb::arg("driven_v"), nb::arg("ends"), nb::arg("velocities"), nb::arg("x"), nb::arg("v"), nb::arg("pushed"),
-           nb::arg("depth"), nb::arg("guarded"), nb::arg("threads"), "Fills x and v (B, 3, H, W).");
+           nb::arg("cubic").none(), nb::arg("mend_cubic").none(), nb::arg("mend_more").none(), nb::arg("guard"),
+           nb::arg("driven_x"), nb::arg("driven_v"), nb::arg("ends"), nb::arg("velocities"), nb::arg("x"), nb::arg("v"),
+           nb::arg("pushed"), nb::arg("depth"), nb::arg("guarded"), nb::arg("threads"), "Fills x and v (B, 3, H, W).");
 }
 
 }  // namespace minicloth

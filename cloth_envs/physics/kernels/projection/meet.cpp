@@ -15,7 +15,7 @@ void Meeting::shape(int rows_, int cols_, bool periodic_, double cell_area) {
   number.assign(plane, 0);
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c <= across; ++c) number[r * stride + 1 + c] = r * cols + c % cols;
-  for (auto* planes : {&x, &low, &high, &normal}) planes->assign(3 * plane, 0.0f);
+  for (auto* planes : {&x, &low, &high, &normal, &lower}) planes->assign(3 * plane, 0.0f);
   for (auto* numbers : {&moved, &plain, &even}) numbers->assign(plane, 0.0f);
   for (auto* boxes : {&box, &cone}) boxes->assign(std::size_t(6) * blocks, 0.0f);
   strip.assign(std::size_t(6) * padded(strips), 0.0f), slots.assign(std::size_t(6) * kCells * blocks, 0.0f);

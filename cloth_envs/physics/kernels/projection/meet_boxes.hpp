@@ -19,13 +19,15 @@ constexpr float kNear = 1e-6f;  // m, so near are boxes that meet
 inline F least(const F& a, const F& b) { return a < b ? a : b; }
 inline F most(const F& a, const F& b) { return a > b ? a : b; }
 
-// The positions, and which blocks have vertices that moved.
-void take(Meeting& m, const float* x, bool all) {
+// The positions, and which blocks have vertices that moved or are marked.
+void take(Meeting& m, const float* x, const float* mark, bool all) {
   for (int r = 0; r < m.rows; ++r)
     for (int k = 0; k < 3; ++k) {
       const float* const from = x + (std::size_t(k) * m.rows + r) * m.cols;
       float *const to = m.x.data() + k * m.plane + r * m.stride + 1, *const moved = m.moved.data() + r * m.stride + 1;
-      for (int c = 0; c < m.cols; ++c) moved[c] = all ? 1.0f : (k ? moved[c] : 0.0f) + (to[c] != from[c] ? 1.0f : 0.0f);
+      const float* const marked = mark + r * m.cols;
+      for (int c = 0; c < m.cols; ++c)
+        moved[c] = all ? 1.0f : (k ? moved[c] : marked[c]) + (to[c] != from[c] ? 1.0f : 0.0f);
       std::memcpy(to, from, m.cols * sizeof(float));
       if (m.periodic) to[m.cols] = to[0], moved[m.cols] = moved[0];
     }
@@ -55,7 +57,8 @@ void cells_of(Meeting& m, int r) {
     bounds(2, p[0].z, p[1].z, p[2].z, p[3].z);
     const V3<float> a = p[3] - p[0], sum = cross(a, p[1] - p[2]), one = cross(p[2] - p[0], a), other = sum - one;
     float* const normal[3] = {m.normal.data() + i, m.normal.data() + m.plane + i, m.normal.data() + 2 * m.plane + i};
-    put<float>(normal, 0, sum);
+    float* const lower[3] = {m.lower.data() + i, m.lower.data() + m.plane + i, m.lower.data() + 2 * m.plane + i};
+    put<float>(normal, 0, sum), put<float>(lower, 0, one);
     const F d = dot(one, other), yes = F{} + 1.0f;
     const auto level = (d > 0.0f) & (d * d > float(kPlain * kPlain) * dot(one, one) * dot(other, other));
     store<float>(m.plain.data() + i, level ? yes : -yes);
@@ -91,13 +94,13 @@ void evenness(Meeting& m, int r) {
   }
 }
 
-// The least or the most of the cells of a row of blocks.
-template <bool low>
-void reduce(const Meeting& m, const float* plane, int rows, int across, float* to) {
+// The least or the most of the cells of a row of blocks; `get` gives those that begin at a number.
+template <bool low, class Get>
+void reduce(const Meeting& m, const Get& get, int rows, int across, float* to) {
   const auto better = [](const auto& a, const auto& b) { return low ? (a < b ? a : b) : (a > b ? a : b); };
   for (int c = 0; c < m.block_cols; c += n / kSide) {
-    F v = load(plane + kSide * c);
-    for (int r = 1; r < rows; ++r) v = better(v, load(plane + r * m.stride + kSide * c));
+    F v = get(kSide * c);
+    for (int r = 1; r < rows; ++r) v = better(v, get(r * m.stride + kSide * c));
     alignas(64) float all[n];
     store<float>(all, v);
     for (int b = 0; b < n / kSide && c + b < m.block_cols; ++b) {
@@ -118,10 +121,14 @@ void boxes(Meeting& m) {
     for (int k = 0; k < 3; ++k) {
       float* const box = m.box.data() + k * m.blocks + b * m.block_cols;
       float* const cone = m.cone.data() + k * m.blocks + b * m.block_cols;
-      reduce<true>(m, m.low.data() + k * m.plane + first, rows, m.across, box);
-      reduce<false>(m, m.high.data() + k * m.plane + first, rows, m.across, box + 3 * m.blocks);
-      reduce<true>(m, m.normal.data() + k * m.plane + first, rows, m.across, cone);
-      reduce<false>(m, m.normal.data() + k * m.plane + first, rows, m.across, cone + 3 * m.blocks);
+      const auto of = [&](const Plane<float>& plane) { return plane.data() + k * m.plane + first; };
+      const float *const low = of(m.low), *const high = of(m.high), *const lower = of(m.lower),
+                         *const sum = of(m.normal);
+      const auto upper = [&](int i) { return load(sum + i) - load(lower + i); };
+      reduce<true>(m, [&](int i) { return load(low + i); }, rows, m.across, box);
+      reduce<false>(m, [&](int i) { return load(high + i); }, rows, m.across, box + 3 * m.blocks);
+      reduce<true>(m, [&](int i) { return least(load(lower + i), upper(i)); }, rows, m.across, cone);
+      reduce<false>(m, [&](int i) { return most(load(lower + i), upper(i)); }, rows, m.across, cone + 3 * m.blocks);
     }
   }
   for (int b = m.block_rows * m.block_cols; b < m.blocks; ++b)

@@ -75,8 +75,8 @@ void triangles(Meeting& m) {
   }
 }
 
-void find(Meeting& m, const float* x, bool all) {
-  take(m, x, all);
+void find(Meeting& m, const float* x, const float* mark, bool all) {
+  take(m, x, mark, all);
   const auto fresh = [&](int r) { return m.fresh_rows[r / kSide]; };
   for (int r = 0; r < m.down; ++r)
     if (fresh(r)) cells_of(m, r);

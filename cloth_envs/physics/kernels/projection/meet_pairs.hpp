@@ -27,7 +27,7 @@ bool flat(const Meeting& m, int a, int b) {
     const float lo = std::min(low[a], low[b]), hi = std::max(high[a], high[b]);
     axis[k] = (lo + hi) / 2, length += axis[k] * axis[k], spread += (hi - lo) * (hi - lo) / 4;
   }
-  const float flat = float(kFlat) * m.twice;
+  const float flat = float(kFlat) * m.twice / 2;
   length = std::sqrt(length);
   if (length - std::sqrt(spread) > flat) return true;
   if (length < flat) return false;
@@ -35,9 +35,12 @@ bool flat(const Meeting& m, int a, int b) {
     const int r0 = block / m.block_cols * kSide, c0 = block % m.block_cols * kSide;
     const unsigned real = (1u << std::min(kSide, m.across - c0)) - 1;
     for (int r = r0; r < std::min(r0 + kSide, m.down); ++r) {
-      const float* const normal = m.normal.data() + r * m.stride + 1 + c0;
-      const F along = axis[0] * load(normal) + axis[1] * load(normal + m.plane) + axis[2] * load(normal + 2 * m.plane);
-      if (less<float>(along, F{} + flat * length) & real) return false;
+      const auto along = [&](const Plane<float>& normals) -> F {
+        const float* const x = normals.data() + r * m.stride + 1 + c0;
+        return axis[0] * load(x) + axis[1] * load(x + m.plane) + axis[2] * load(x + 2 * m.plane);
+      };
+      const F lower = along(m.lower);
+      if (less<float>(least(lower, along(m.normal) - lower), F{} + flat * length) & real) return false;
     }
   }
   return true;

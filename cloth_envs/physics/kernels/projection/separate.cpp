@@ -9,30 +9,31 @@
 namespace minicloth {
 namespace {
 
-constexpr int kHalves = 3, kRounds = 6;  // how often vertices are drawn half-way, and in all: then all the way
-constexpr int kSpread = 2;               // of vertices around them, which are drawn
-constexpr float kLess = 0.6f;            // times as much from ring to ring
+constexpr int kHalves = 3, kFacets = 8, kRounds = 24;  // up to which round half-way, to the facets, between neighbours
+constexpr int kSpread = 2;                             // rings of vertices around them, which are drawn
+constexpr float kLess = 0.6f;                          // times as much from ring to ring
 
 // Keeps its memory from cloth to cloth.
 class Separate {
  public:
-  bool operator()(const Sheet& sheet, const float* coarse, int h, int w, float* x, bool again);
+  bool operator()(const Sheet& sheet, const Held& held, const float* coarse, int h, int w, float* x, bool again);
 
  private:
   bool cross(const float* x, bool all);
-  void facets(const float* coarse, int h, int w);
+  void facets(const float* coarse, int h, int w);  // as goals
+  void means(const float* x);
   void spread();
 
   Meeting meeting_;
   int rows_ = 0, cols_ = 0;
-  std::vector<float> facets_, mark_, before_;  // where vertices are in facets, what part of the way they are drawn
+  std::vector<float> goal_, mark_, before_;  // where vertices are drawn to, what part of the way
 };
 
-// Marks the vertices of triangles that cross, of all or of those near vertices that moved since the last time; whether
-// some do.
+// Marks the vertices of triangles that cross, of all or of those near vertices that moved since the last time or were
+// marked; whether some do.
 bool Separate::cross(const float* x, bool all) {
   const int n = rows_ * cols_;
-  lanes<MeetLanes>().find(meeting_, x, all);
+  lanes<MeetLanes>().find(meeting_, x, mark_.data(), all);
   std::fill(mark_.begin(), mark_.end(), 0.0f);
   bool found = false;
   for (const MeetingCells& cells : meeting_.cells) {
@@ -64,11 +65,11 @@ bool Separate::cross(const float* x, bool all) {
   return found;
 }
 
-// Where every vertex lies in the facets.
+// Where every vertex lies in the facets of the coarse cloth.
 void Separate::facets(const float* coarse, int h, int w) {
   const int rows = rows_, cols = cols_, n = rows * cols;
   const bool periodic = meeting_.periodic;
-  facets_.resize(3 * n);
+  goal_.resize(3 * n);
   for (int r = 0; r < rows; ++r) {
     const float down = float(r) * float(h - 1) / float(rows - 1);
     const int i = std::min(int(down), h - 2);
@@ -79,11 +80,24 @@ void Separate::facets(const float* coarse, int h, int w) {
       for (int k = 0; k < 3; ++k) {
         const float *const upper = coarse + (k * h + i) * w, *const lower = upper + w;
         const float side = a >= b ? lower[j] : upper[right], more = a >= b ? a - b : b - a;
-        facets_[k * n + r * cols + c] =
-            upper[j] + more * (side - upper[j]) + std::min(a, b) * (lower[right] - upper[j]);
+        goal_[k * n + r * cols + c] = upper[j] + more * (side - upper[j]) + std::min(a, b) * (lower[right] - upper[j]);
       }
     }
   }
+}
+
+// The means of the vertices around every one.
+void Separate::means(const float* x) {
+  const int rows = rows_, cols = cols_, n = rows * cols;
+  for (int k = 0; k < 3; ++k)
+    for (int r = 0; r < rows; ++r)
+      for (int c = 0; c < cols; ++c) {
+        const float* const at = x + k * n + r * cols;
+        const int left = c > 0 ? c - 1 : meeting_.periodic ? cols - 1 : 0;
+        const int right = c + 1 < cols ? c + 1 : meeting_.periodic ? 0 : c;
+        goal_[k * n + r * cols + c] =
+            0.25f * (at[left] + at[right] + at[c - (r > 0 ? cols : 0)] + at[c + (r + 1 < rows ? cols : 0)]);
+      }
 }
 
 // Marks the rings of vertices around those that are marked.
@@ -104,27 +118,31 @@ void Separate::spread() {
   }
 }
 
-bool Separate::operator()(const Sheet& sheet, const float* coarse, int h, int w, float* x, bool again) {
+bool Separate::operator()(const Sheet& sheet, const Held& held, const float* coarse, int h, int w, float* x,
+                          bool again) {
   const int n = sheet.rows * sheet.cols;
   rows_ = sheet.rows, cols_ = sheet.cols;
   meeting_.shape(rows_, cols_, sheet.periodic, sheet.row_length * sheet.col_length);
   mark_.resize(n);
   for (int round = 0; round < kRounds; ++round) {
     if (!cross(x, round == 0 && !again)) return round > 0;
-    if (round == 0) facets(coarse, h, w);
+    if (round == 0) facets(coarse, h, w), held.put(goal_.data());
+    if (round >= kFacets) means(x);
+    for (int i : held.vertices)
+      for (int k = 0; k < 3; ++k) goal_[k * n + i] = x[k * n + i];
     spread();
     const float part = round < kHalves ? 0.5f : 1.0f;
     for (int i = 0; i < n; ++i)
-      for (int k = 0; mark_[i] > 0 && k < 3; ++k) x[k * n + i] += part * mark_[i] * (facets_[k * n + i] - x[k * n + i]);
+      for (int k = 0; mark_[i] > 0 && k < 3; ++k) x[k * n + i] += part * mark_[i] * (goal_[k * n + i] - x[k * n + i]);
   }
   return true;
 }
 
 }  // namespace
 
-bool separate(const Sheet& sheet, const float* coarse, int h, int w, float* x, bool again) {
+bool separate(const Sheet& sheet, const Held& held, const float* coarse, int h, int w, float* x, bool again) {
   thread_local Separate separate;
-  return separate(sheet, coarse, h, w, x, again);
+  return separate(sheet, held, coarse, h, w, x, again);
 }
 
 }  // namespace minicloth

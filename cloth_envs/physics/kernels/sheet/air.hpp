@@ -3,6 +3,7 @@
 // upper right, 2 lower right, 3 lower left; triangle k is the one without corner k.
 #pragma once
 #include "../base/geometry.hpp"
+#include "blow.hpp"
 #include "sheet.hpp"
 #ifdef LANES  // the loops, where they are compiled for an instruction set
 #include <algorithm>
@@ -12,8 +13,6 @@
 #endif
 
 namespace minicloth {
-
-constexpr double kOwn = 1.0 / 9;  // how much of it counts what a corner is faster than its cell
 
 template <class T>
 struct Cells {  // the air's force on the four corners of the cell at its upper left vertex [N]
@@ -47,28 +46,6 @@ namespace {
 
 constexpr int kChunk = 256;  // vertices whose forces are kept before they are added
 
-// The force on each corner of a cell: `to` less `over` times its velocity.
-template <class T>
-struct Blown {
-  V3<T> to;
-  V<T> over;
-};
-
-// n is twice the cell's area vector, `sum` four times its mean velocity, `wind` four times the wind's. A quarter of
-// -rho/2 A ((C_n |u_n| + C_l |u_t|) u_n n + C_t |u_t| u_t), there with the unit normal n and u itself; and kOwn times
-// as much as along the normal for what the corner is faster than the mean.
-template <class T, class Terms>
-__attribute__((always_inline)) inline Blown<T> air_force(const V3<T>& n, const V3<T>& sum, const V3<T>& wind,
-                                                         const Terms& p) {
-  const V3<T> u = sum - wind;
-  const V<T> square = dot(n, n) + T(1e-30), through = dot(n, u), turn = through * reciprocal(square);
-  const V<T> rest = square * dot(u, u) - through * through, least = V<T>{} + T(1e-36);
-  const V<T> product = rest > least ? rest : least, sliding = product * rsqrt(product);  // 2 A |4 u_t|
-  const V<T> size = through < T(0) ? -through : through, drag = p.tangential * sliding;
-  const V<T> across = p.normal * size + p.lift * sliding, own = T(kOwn) * across;
-  return {((drag - across) * turn) * n - drag * u + own * sum, T(4) * own};
-}
-
 // The same at the end of a long step h, for what u would be without the air's force, which then leaves r u of it along
 // the normal and in the plane: r |u| (1 + h c_l s) + h c_n (r |u|)^2 = |u|, the implicit step of a free cell.
 template <class T>
@@ -88,17 +65,6 @@ __attribute__((always_inline)) inline Blown<T> slowed_air_force(const V3<T>& n, 
   const V<T> own = T(kOwn) * (square * inverse) * across;
   return {own * sum - (across * through) * n - drag * slide, T(4) * own};
 }
-
-// Pressure's force on the corners of a cell, without the pressure / 12: twice the area of the triangles at each. The
-// corners' positions are relative to the upper left one.
-template <class T>
-struct Pressed {
-  V3<T> corner[4];
-  Pressed(const V3<T>& right, const V3<T>& across, const V3<T>& down, const V3<T>& n) {
-    const V3<T> n1 = cross(down, across), n2 = cross(down, right), all = n + n;
-    corner[0] = n + n2, corner[1] = all - n1, corner[2] = all - n2, corner[3] = n + n1;
-  }
-};
 
 template <class T>
 void slowed_air_and_pressure(const Geometry<T>& g, const AirTerms<T>& p, const Planes<T>& in, const Cells<T>& out) {

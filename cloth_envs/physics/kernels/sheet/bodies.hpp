@@ -1,7 +1,5 @@
 // The geometry of bodies; contact.hpp has it in vectors.
 #pragma once
-#include <algorithm>
-
 #include "../base/vec.hpp"
 
 namespace minicloth {
@@ -19,15 +17,15 @@ struct BodyStep {
 enum class Shape { kSphere, kCapsule, kPlane };
 template <class T>
 constexpr int kMostLanes = 64 / int(sizeof(T));  // of any instruction set
-template <class T>
+template <class T, int width = kMostLanes<T>>
 struct BodyLanes {
   Shape shape;
   T radius, friction;
-  alignas(64) T before[2][3][kMostLanes<T>];
-  T after[2][3][kMostLanes<T>];
-  T turn[3][kMostLanes<T>];
+  alignas(width * sizeof(T)) T before[2][3][width];
+  T after[2][3][width];
+  T turn[3][width];
   // For some steps: the box of where the axis will be, and how far it goes along x, y or z at most.
-  T low[3][kMostLanes<T>], high[3][kMostLanes<T>], way[kMostLanes<T>];
+  T low[3][width], high[3][width], way[width];
 };
 
 constexpr double kTurnLeast = 0.1;  // of the squared length of what turns with it, the least of its part across
@@ -46,19 +44,6 @@ T nearest(const T (&ends)[2][3], const Vec<T>& q) {
 template <class T>
 Vec<T> axis_point(const T (&ends)[2][3], T t) {
   return vec(ends[0]) + t * (vec(ends[1]) - vec(ends[0]));
-}
-
-// By how much a capsule turns about its axis, along that [rad], as the part across of an axis that goes from o0 to o1
-// does while its own goes from a0 to a1. Less where the two are nearly parallel.
-inline Vec<double> turned(const double (&a0)[2][3], const double (&a1)[2][3], const double (&o0)[2][3],
-                          const double (&o1)[2][3]) {
-  const Vec<double> from = vec(a0[1]) - vec(a0[0]), to = vec(a1[1]) - vec(a1[0]);
-  const double from2 = dot(from, from), to2 = dot(to, to);
-  if (from2 == 0 || to2 == 0) return {};
-  const Vec<double> was = vec(o0[1]) - vec(o0[0]), is = vec(o1[1]) - vec(o1[0]);
-  const Vec<double> across0 = was - (dot(was, from) / from2) * from, across1 = is - (dot(is, to) / to2) * to;
-  const double least = kTurnLeast * dot(is, is), square = dot(across1, across1);
-  return dot(to, cross(across0, across1)) / (to2 * std::max({square, least, 1e-300})) * to;
 }
 
 }  // namespace minicloth

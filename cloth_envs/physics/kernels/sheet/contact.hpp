@@ -13,8 +13,8 @@ inline V3<T> point(const T (&p)[3]) {
   const V<T> none = {};
   return {none + p[0], none + p[1], none + p[2]};
 }
-template <class T>
-inline V3<T> point(const T (&p)[3][kMostLanes<T>]) {
+template <class T, int width>
+inline V3<T> point(const T (&p)[3][width]) {
   return {load(p[0]), load(p[1]), load(p[2])};
 }
 
@@ -39,7 +39,8 @@ struct Moving {
   V3<T> axis, other;           // to the other end, or the normal; and how far the other end moves
   V3<T> turn;                  // about the axis [rad]
   V<T> radius, radius2, over_radius, over_axis2, far, dt, rate, friction;
-  Moving(const BodyLanes<T>& b, const V<T>& dt_)
+  template <int width>
+  Moving(const BodyLanes<T, width>& b, const V<T>& dt_)
       : shape(b.shape),
         before(point(b.before[0])),
         after(point(b.after[0])),
@@ -116,8 +117,8 @@ inline bool leave(const Moving<T>& m, V3<T>& x) {
 // Swept contact with Coulomb friction of vertices that the step took from x0 to x at velocity v. In the body's frame
 // one goes from p0 to p1; where it would enter, the tangent plane at the entry point holds it, at the speed of the
 // body. Friction takes up to mu times the normal change of velocity from the sliding speed.
-template <class T, Shape kShape>
-inline void touch_shape(const BodyLanes<T>& b, const Moving<T>& m, const V3<T>& x0, V3<T>& x, V3<T>& v) {
+template <class T, Shape kShape, int width>
+inline void touch_shape(const BodyLanes<T, width>& b, const Moving<T>& m, const V3<T>& x0, V3<T>& x, V3<T>& v) {
   const V<T> none = {}, one = none + T(1);
   V3<T> n, body = m.moved;
   V<T> gap;
@@ -159,8 +160,8 @@ template <class T>
 struct Vertex {
   V3<T> x, v;
 };
-template <class T>
-__attribute__((always_inline)) inline Vertex<T> touch(const BodyLanes<T>& b, const Moving<T>& m, const V3<T>& x0,
+template <class T, int width>
+__attribute__((always_inline)) inline Vertex<T> touch(const BodyLanes<T, width>& b, const Moving<T>& m, const V3<T>& x0,
                                                       Vertex<T> at) {
   if (m.shape == Shape::kSphere) touch_shape<T, Shape::kSphere>(b, m, x0, at.x, at.v);
   if (m.shape == Shape::kPlane) touch_shape<T, Shape::kPlane>(b, m, x0, at.x, at.v);

@@ -7,18 +7,10 @@
 #include <vector>
 
 #include "bodies.hpp"
+#include "cubic.hpp"
 #include "sheet.hpp"
 
 namespace minicloth {
-
-// Cubic Hermite motion over a frame, s from 0 to 1.
-struct Cubic {
-  double p0, v0, p1, v1;  // v [per frame]
-  double c2 = 3 * (p1 - p0) - 2 * v0 - v1, c3 = 2 * (p0 - p1) + v0 + v1;
-  double position(double s) const { return p0 + s * (v0 + s * (c2 + s * c3)); }
-  double velocity(double s) const { return v0 + s * (2 * c2 + s * 3 * c3); }
-  bool operator==(const Cubic& o) const { return p0 == o.p0 && v0 == o.v0 && p1 == o.p1 && v1 == o.v1; }
-};
 
 // A driven vertex; one that is held still costs two stores a substep. A soft one is drawn to its path by a spring.
 struct Handle {
@@ -101,6 +93,19 @@ std::vector<Cubic> body_paths(const Sheet& sheet, const Frame<T>& f) {
   for (std::size_t i = 0; i < paths.size(); ++i)
     paths[i] = {f.body_x[i], f.body_v[i] * sheet.frame_dt, f.body_x_end[i], f.body_v_end[i] * sheet.frame_dt};
   return paths;
+}
+
+// By how much a capsule turns about its axis, along that [rad], as the part across of an axis that goes from o0 to o1
+// does while its own goes from a0 to a1. Less where the two are nearly parallel.
+inline Vec<double> turned(const double (&a0)[2][3], const double (&a1)[2][3], const double (&o0)[2][3],
+                          const double (&o1)[2][3]) {
+  const Vec<double> from = vec(a0[1]) - vec(a0[0]), to = vec(a1[1]) - vec(a1[0]);
+  const double from2 = dot(from, from), to2 = dot(to, to);
+  if (from2 == 0 || to2 == 0) return {};
+  const Vec<double> was = vec(o0[1]) - vec(o0[0]), is = vec(o1[1]) - vec(o1[0]);
+  const Vec<double> across0 = was - (dot(was, from) / from2) * from, across1 = is - (dot(is, to) / to2) * to;
+  const double least = kTurnLeast * dot(is, is), square = dot(across1, across1);
+  return dot(to, cross(across0, across1)) / (to2 * std::max({square, least, 1e-300})) * to;
 }
 
 // Where bodies are, and by how much they turned since they were last somewhere.

@@ -1,0 +1,1 @@
+"""Sheets on a graphics card: one block of threads steps one cloth."""

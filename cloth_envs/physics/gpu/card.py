@@ -1,0 +1,113 @@
+"""How a frame gets onto a card, or is emulated where there is none."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import _minicloth_kernels as kernels
+import numpy as np
+
+from cloth_envs.extras import missing
+from cloth_envs.physics.gpu.terms import SHEET, as_literal
+
+if TYPE_CHECKING:
+    import torch
+
+ENTRY = "minicloth_frame"
+MOST_THREADS, WARP, REGISTERS = 1024, 32, 65536  # of a block; of a multiprocessor
+SMALL, LONGEST = 512, 16  # vertices of a sheet, of a thread
+OPTIONS = ("--std=c++17", "-default-device", "--ftz=true", "--prec-div=false", "--prec-sqrt=false")
+PRELUDE = "#define LANES card\n#define MINICLOTH_SCALAR\nnamespace std { using size_t = decltype(sizeof(0)); }\n"
+
+
+class Runner(Protocol):
+    """Steps a batch: ``run`` takes the addresses of what ``CardBatch`` of ``kernels/gpu/terms.hpp`` lists."""
+
+    def run(self, fields: Sequence[int], members: int) -> None: ...
+
+
+class Emulated:
+    """What a card does, thread by thread on this processor. ``backwards``: the threads take turns from the last."""
+
+    def __init__(self, sheet: np.ndarray, *, strip: int = 4, backwards: bool = False) -> None:
+        self._sheet, self._strip, self._backwards = sheet.tobytes(), strip, backwards
+
+    def run(self, fields: Sequence[int], members: int) -> None:
+        kernels.emulate_card(self._sheet, list(fields), members, self._strip, self._backwards)
+
+
+class Plan(NamedTuple):
+    """How a block steps a cloth: vertices of a thread, below each other; threads; blocks that share a multiprocessor."""
+
+    strip: int
+    threads: int
+    blocks: int
+
+
+def plan(rows: int, cols: int, memory: int, most_memory: int) -> Plan:
+    """What was fastest of what was tried on an H200 with sheets of 9 x 13 to 65 x 65 vertices (docs/networks.md).
+
+    As few vertices a thread as leave it 170 registers where one block's ``memory`` [bytes] is most of the
+    ``most_memory`` that a multiprocessor's blocks share, or 128 where two fit; a vertex a thread of a small sheet.
+    """
+
+    def threads(strip: int) -> int:
+        return -(-(-(-rows // strip) * cols) // WARP) * WARP
+
+    strips = [s for s in range(1, rows + 1) if threads(s) <= MOST_THREADS] or [rows]
+    if rows * cols <= SMALL:
+        strip = min(strips, key=lambda s: (threads(s) * s / (rows * cols) + 0.05 * (s - 1), s))
+        return Plan(strip, threads(strip), max(1, REGISTERS // ((72 if threads(strip) <= 128 else 96) * threads(strip))))
+    blocks, most = (2, 256) if 2 * memory <= most_memory else (1, 384)
+    some = [s for s in strips if s <= LONGEST] or strips[:1]
+    strip = next((s for s in some if threads(s) <= most), some[-1])
+    return Plan(strip, threads(strip), blocks if threads(strip) <= most else 1)
+
+
+class Card:
+    """The kernel of one sheet, compiled for ``device``. ``simple``: whether materials all are, none is, or None.
+
+    Raises:
+        ValueError: a sheet that does not fit into the memory that a block's threads share.
+        ImportError: CuPy is missing; names the extra.
+    """
+
+    def __init__(self, sheet: np.ndarray, device: "torch.device", *, simple: bool | None = None) -> None:
+        self._device = device
+        only = {True: "ONLY_SIMPLE", False: "ONLY_YIELDING", None: "ALL"}[simple]
+        self._kernel, self.plan, self._memory = _compiled(sheet.tobytes(), device, only)
+
+    def run(self, fields: Sequence[int], members: int) -> None:
+        import cupy
+        import torch
+
+        stream = torch.cuda.current_stream(self._device)
+        with cupy.cuda.Device(self._device.index), cupy.cuda.ExternalStream(stream.cuda_stream, self._device.index):
+            self._kernel((members,), (self.plan.threads,), tuple(map(np.uint64, fields)), shared_mem=self._memory)
+
+
+@lru_cache(maxsize=64)
+def _compiled(told: bytes, device: "torch.device", only: str) -> tuple[Any, Plan, int]:
+    try:
+        import cupy
+    except ImportError as error:
+        raise ImportError(missing("device='cuda'", error)) from error
+    sheet = np.frombuffer(told, SHEET).copy()
+    rows, cols = int(sheet["rows"][0]), int(sheet["cols"][0])
+    with cupy.cuda.Device(device.index) as card:
+        most = card.attributes["MaxSharedMemoryPerBlockOptin"]
+        sheet["spare"] = kernels.card_memory(told) > most
+        memory = kernels.card_memory(sheet.tobytes())
+        if memory > most:
+            raise ValueError(
+                f"this sheet needs {memory} bytes of the memory that a block of threads shares, the card has {most}: "
+                f"use a resolution of at most {rows * cols * most // memory} vertices, or device='cpu'"
+            )
+        chosen = plan(rows, cols, memory, most)
+        macros = {"STRIP": chosen.strip, "THREADS": chosen.threads, "BLOCKS": chosen.blocks, only: ""}
+        macros["SHEET"] = as_literal(sheet)
+        text = "".join(f"#define MINICLOTH_{name} {value}\n" for name, value in macros.items())
+        module = cupy.RawModule(code=PRELUDE + text + kernels.card_text(), options=OPTIONS, backend="nvrtc")
+        kernel = module.get_function(ENTRY)
+        kernel.max_dynamic_shared_size_bytes = memory
+    return kernel, chosen, memory

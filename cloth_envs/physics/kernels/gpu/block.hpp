@@ -1,0 +1,91 @@
+// The threads that step one cloth together: on a card a block of them, elsewhere a loop over all of them, which is how
+// tests run the same code. A frame is a row of phases; what one writes into shared memory the next ones read.
+#pragma once
+#include "../base/simd.hpp"
+#include "terms.hpp"
+
+namespace minicloth {
+namespace LANES {
+namespace {
+
+// A thread's own vertices: kStrip below each other in one column.
+template <int kStrip>
+struct Own {
+  int number, row, col, held;  // held: bit j is set where the j-th is a handle
+  V3<float> x[kStrip] = {}, v[kStrip] = {};  // m, m/s
+};
+
+// Calls act(j, vertex) for them; there are fewer at the end of a column.
+template <int kStrip, class Act>
+__attribute__((always_inline)) inline void for_own(const CardSheet& s, const Own<kStrip>& own, const Act& act) {
+#pragma unroll
+  for (int j = 0; j < kStrip; ++j) {
+    if (own.row + j >= s.rows) break;
+    act(j, (own.row + j) * s.cols + own.col);
+  }
+}
+
+#if defined(__CUDACC_RTC__)
+// Nothing is read ahead of it, nor kept from before of what follows from a thread's place: both crowd registers.
+inline void in_order() { asm volatile("" ::: "memory"); }
+inline void anew(int& row, int& col) { asm volatile("" : "+r"(row), "+r"(col)); }
+template <int kStrip>
+struct Block {
+  Own<kStrip>& own;
+  int threads;
+  template <class Phase>
+  __forceinline__ void each(const Phase& phase) {
+    anew(own.row, own.col);
+    phase(own);
+    __syncthreads();
+  }
+  // What shared memory holds after a phase; it may be overwritten then.
+  template <class T>
+  T read(const T* at) {
+    const T value = *at;
+    __syncthreads();
+    return value;
+  }
+};
+inline void largest(int* at, float value) {
+  const int bits = __reduce_max_sync(0xffffffffu, __float_as_int(value > 0 ? value : 0.0f));
+  if (threadIdx.x % 32 == 0) atomicMax(at, bits);
+}
+inline float as_float(int bits) { return __int_as_float(bits); }
+inline void add_up(float* sums, int number, float value) {
+  for (int way = 16; way > 0; way /= 2) value += __shfl_xor_sync(0xffffffffu, value, way);
+  if (number % 32 == 0) sums[number / 32] = value;
+}
+#else
+inline void in_order() {}
+inline void anew(int&, int&) {}
+template <int kStrip>
+struct Block {
+  Own<kStrip>* own;
+  int threads;
+  bool backwards;
+  template <class Phase>
+  void each(const Phase& phase) {
+    for (int t = 0; t < threads; ++t) phase(own[backwards ? threads - 1 - t : t]);
+  }
+  template <class T>
+  T read(const T* at) {
+    return *at;
+  }
+};
+inline float as_float(int bits) {
+  float value;
+  std::memcpy(&value, &bits, sizeof value);
+  return value;
+}
+inline void largest(int* at, float value) {
+  int bits = 0;
+  if (value > 0) std::memcpy(&bits, &value, sizeof bits);
+  *at = bits > *at ? bits : *at;
+}
+inline void add_up(float* sums, int number, float value) { sums[number / 32 % 32] += value; }
+#endif
+
+}  // namespace
+}  // namespace LANES
+}  // namespace minicloth

@@ -1,0 +1,1 @@
+"""Thousands of environments on a graphics card beside the processor's cores."""
