@@ -125,9 +125,9 @@ class Grid:
         return np.concatenate([self.triangles, *(np.stack(corners, 1) for corners in others)])
 
     def keypoints(self, rows: int, cols: int) -> np.ndarray:
-        """Vertex numbers of an even ``rows x cols`` lattice that includes the border, flat."""
+        """Vertex numbers of an even ``rows x cols`` lattice that includes the border, or goes round a tube; flat."""
         r = np.linspace(0, self.rows - 1, rows).round().astype(int)
-        c = np.linspace(0, self.cols - 1, cols).round().astype(int)
+        c = np.linspace(0, self.cells[1], cols, endpoint=not self.periodic).round().astype(int)
         return (r[:, None] * self.cols + c).ravel()
 
 

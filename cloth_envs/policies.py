@@ -90,6 +90,29 @@ def ball_drop(obs: np.ndarray) -> np.ndarray:
     return falling * (8 * (middle[..., :2] - ball) + velocity / 1.5)
 
 
+def draping(obs: np.ndarray) -> np.ndarray:
+    """As ``hanging``: the held point above the goal, leaning against the swing of the middle."""
+    held, middle, velocity, goal = obs[..., -15:-12], obs[..., -9:-6], obs[..., -6:-3], obs[..., -3:]
+    error = goal - 0.2 * velocity - held
+    error[..., 2] = (goal - middle)[..., 2]
+    return 2 * error
+
+
+def hitting(obs: np.ndarray) -> np.ndarray:
+    """Move the ball to before the target, and on by what the vertex misses of it."""
+    ball, vertex, target = obs[..., -15:-12], obs[..., -9:-6], obs[..., -3:]
+    wanted = target + 0.5 * (target - vertex)
+    wanted[..., 1] -= 0.15 * np.sign(target[..., 1])
+    return 3 * (wanted - ball)
+
+
+def skirt(obs: np.ndarray) -> np.ndarray:
+    """Turn the faster the wider the hem should be, and faster still while it is not; stay at the dance's height."""
+    hem, target = obs[..., -2], obs[..., -1]
+    turning = 24 * (target - 0.205) + 10 * (target - hem)
+    return np.stack([turning, -5 * obs[..., -4]], -1)
+
+
 CONTROLLERS = {
     "Curtain": curtain,
     "Flag": flag,
@@ -97,4 +120,7 @@ CONTROLLERS = {
     "Pressure": pressure,
     "Hanging": hanging,
     "BallDrop": ball_drop,
+    "Draping": draping,
+    "Hitting": hitting,
+    "Skirt": skirt,
 }

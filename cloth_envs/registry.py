@@ -18,10 +18,15 @@ SCENES: dict[str, str] = {
     "Pressure": "cloth_envs.scenes.pressure:Pressure",
     "Hanging": "cloth_envs.scenes.hanging:Hanging",
     "BallDrop": "cloth_envs.scenes.ball_drop:BallDrop",
+    "Draping": "cloth_envs.scenes.draping:Draping",
+    "Hitting": "cloth_envs.scenes.hitting:Hitting",
+    "Skirt": "cloth_envs.scenes.skirt:Skirt",
 }
 
 # Frames of an episode, kept here so that registering with Gymnasium imports no scene.
-EPISODE_FRAMES: dict[str, int] = {name: 250 if name in ("Pressure", "Hanging") else 200 for name in SCENES}
+EPISODE_FRAMES: dict[str, int] = {
+    name: {"Pressure": 250, "Hanging": 250, "Skirt": 400}.get(name, 200) for name in SCENES
+}
 
 # preset -> scene -> "module:Task class", resolved on use; see cloth_envs.presets.
 PRESETS: dict[str, dict[str, str]] = {
@@ -36,6 +41,11 @@ PRESETS: dict[str, dict[str, str]] = {
         "BallDrop": "cloth_envs.presets.zhao2024:Ball2024",
     },
     "zhao2024-fall": {"Pressure": "cloth_envs.presets.zhao2024:Fall2024"},
+    "chen2020": {
+        "Draping": "cloth_envs.presets.chen2020:Draping2020",
+        "Hitting": "cloth_envs.presets.chen2020:Hitting2020",
+        "Skirt": "cloth_envs.presets.chen2020:Skirt2020",
+    },
 }
 
 # name -> what makes a Backend, or "module:class or function", resolved on use. Installed packages add theirs under

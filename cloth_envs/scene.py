@@ -59,13 +59,21 @@ class Collider:
 
     ``kind`` is ``"sphere"``, ``"capsule"`` or ``"plane"``; where it is belongs to the state: the two
     end points of a capsule's axis, twice the centre of a sphere, a point and the unit normal of a
-    plane. ``radius`` [m] (0 for a plane); ``friction`` is the coefficient mu.
+    plane. ``radius`` [m] (0 for a plane); ``friction`` is the coefficient mu. ``turns_with`` is the number of another
+    capsule of the scene, with whose axis this one turns about its own as a hip does with the line between the thighs;
+    None for one that doesn't spin.
     """
 
     kind: str
     radius: float = 0.0
     friction: float = 0.3
     name: str = "body"
+    turns_with: int | None = None
+
+    @property
+    def spin(self) -> str:
+        """Whether it spins, as text."""
+        return "" if self.turns_with is None else ", spinning about its axis"
 
 
 @dataclass(frozen=True)
@@ -187,7 +195,7 @@ class Scene:
             "air on cells" + (f" ({self.air})" if self.air else ""): self.air is not None,
             "wind": self.windy,
             "pressure" if net is None else "pressure p, four corners a vertex": self.pressure,
-            **{f"contact with a {c.kind} ({c.name}), {contact.format(c)}": True for c in self.colliders},
+            **{f"contact with a {c.kind} ({c.name}), {contact.format(c)}{c.spin}": True for c in self.colliders},
             "contact with bodies": bool(self.colliders),
             f"self-contact{layers}": self.self_contact is not None,
             "plasticity, tearing, the air's own flow and mass": False,

@@ -24,6 +24,9 @@ MOMENTS = {
     "Pressure": (1, 82, True),
     "Hanging": (5, 30, True),
     "BallDrop": (2, 60, True),
+    "Draping": (3, 16, False),
+    "Hitting": (2, 12, True),
+    "Skirt": (2, 200, True),
 }
 
 
@@ -48,9 +51,9 @@ def main(argv: list[str] | None = None) -> None:
     out = given.out
     moments = {scene: (seed, 0 if given.starts else frames, on) for scene, (seed, frames, on) in MOMENTS.items()}
     tiles = [picture(scene, *moment) for scene, moment in moments.items()]
-    sheet = Image.fromarray(np.concatenate([np.concatenate(tiles[i : i + 3], 1) for i in (0, 3)], 0))
+    sheet = Image.fromarray(np.concatenate([np.concatenate(tiles[i : i + 3], 1) for i in (0, 3, 6)], 0))
     out.parent.mkdir(parents=True, exist_ok=True)
-    sheet.resize((1200, 600), Image.Resampling.LANCZOS).save(out, optimize=True)
+    sheet.resize((1200, 900), Image.Resampling.LANCZOS).save(out, optimize=True)
 
 
 if __name__ == "__main__":

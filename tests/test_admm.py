@@ -20,6 +20,7 @@ from cloth_envs.physics.laws.air import pressure_forces
 from cloth_envs.physics.laws.sheet import kinetic_energy
 from cloth_envs.physics.laws.stencil import edges, triples
 from cloth_envs.physics.solver import Solver
+from cloth_envs.registry import SCENES
 from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.state import Controls, State
 
@@ -32,7 +33,6 @@ GRIDS = {
     "tube": Grid(5, 7, 0.4, 0.6, periodic=True),
     "even tube": Grid(4, 8, 0.4, 0.6, periodic=True),
 }
-SCENES = ("Curtain", "Flag", "Collision", "Pressure", "Hanging", "BallDrop")
 
 
 def flat(grid: Grid) -> np.ndarray:

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from cloth_envs import env_id
-from cloth_envs.registry import SCENES
 from cloth_envs.world import World
 from surrogates.auto.backend import AutoBackend
 from surrogates.auto.table import HORIZONS, Table
+from training.bench.benchmark import MEASURED
 
 SHAPE = (17, 25)
 
@@ -201,10 +201,10 @@ def test_vector_environments_tell_errors_as_gymnasium_does() -> None:
         assert infos[name].dtype == values.dtype
 
 
-def test_the_shipped_table_knows_every_scene(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_shipped_table_knows_every_measured_scene(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.undo()
     Table.of.cache_clear()
-    for name in SCENES:
+    for name in MEASURED:
         known, scene = Table.of(name), World(name).scene
         assert known is not None
         assert known.beyond(scene, scene.material) == ""

@@ -30,7 +30,7 @@ def test_gallery_runs(tmp_path: Path) -> None:
     command = [sys.executable, str(ROOT / "examples" / "gallery.py"), "--starts", "--out", str(tmp_path / "all.png")]
     subprocess.run(command, capture_output=True, check=True)
     sheet = imageio.imread(tmp_path / "all.png")
-    assert sheet.shape == (600, 1200, 3)
+    assert sheet.shape == (900, 1200, 3)
     for tile in (sheet[:300, i : i + 400] for i in (0, 400, 800)):
         assert tile.std() > 10  # something is drawn in each
 

@@ -172,8 +172,8 @@ def test_a_frame_of_everything(grid: Grid, dtype: str) -> None:
     )  # fmt: skip
     state = with_bodies(crumpled(grid, len(SHEETS), 0.1), bodies)
     controls = controls_for(scene, state)
-    # Ten substeps at most; each can amplify a rounding a few times where crumpled edges are short.
-    want = compare(scene, state, SHEETS, dtype, 1e4 * float(np.finfo(dtype).eps), refine=2)
+    # Tens of substeps; each can amplify a rounding a few times where crumpled edges are short, or where bodies overlap.
+    want = compare(scene, state, SHEETS, dtype, 4e4 * float(np.finfo(dtype).eps), refine=2)
     assert np.isfinite(want.positions).all()
     bare = step(replace(scene, colliders=()), without_bodies(state), without_bodies(controls), 10, SHEETS)
     assert abs(bare.positions - want.positions).max() > 1e-3  # the bodies do touch

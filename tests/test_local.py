@@ -16,7 +16,6 @@ from scipy.spatial.transform import Rotation
 import cloth_envs
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
-from cloth_envs.registry import SCENES
 from cloth_envs.resample import Resampler
 from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import Controls, State
@@ -25,6 +24,7 @@ from surrogates.checkpoint import WEIGHTS, load
 from surrogates.miniature.backend import MiniatureBackend
 from surrogates.miniature.coarse import coarse_grid
 from surrogates.upscale.local import Local, Ridge, weights_name
+from training.bench.benchmark import MEASURED
 from training.fit import Kept
 from training.local.data import cached, pairs, simulate, small, varied
 from training.local.train import SHOWN, Recipe, centred, errors, fit_net, fit_ridge
@@ -69,7 +69,7 @@ def test_a_turned_and_moved_cloth_is_upscaled_alike(kind: type[Local], factor: i
     assert np.abs(detail).max() > 100 * 4 * EPS * 4 * gain
 
 
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", MEASURED)
 @pytest.mark.parametrize("factor", [2, 3, 4])
 def test_a_flat_sheet_stays_flat(scene: str, factor: int) -> None:
     fine = described(scene)
@@ -84,7 +84,7 @@ def test_a_flat_sheet_stays_flat(scene: str, factor: int) -> None:
 
 
 @pytest.mark.parametrize("method", NAMES)
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", MEASURED)
 def test_shipped_weights_are_small_and_tell_what_they_are(method: str, scene: str) -> None:
     name = weights_name(method, scene)
     assert (WEIGHTS / f"{name}.safetensors").stat().st_size < 1e6

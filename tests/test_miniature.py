@@ -29,6 +29,7 @@ from surrogates.miniature.coarse import coarse_grid
 from surrogates.miniature.fine import GUARD
 from surrogates.miniature.handles import Handles
 from surrogates.upscale.protocol import LEARNED, RememberingUpscaler
+from training.bench.benchmark import MEASURED
 
 SMALL = {"Curtain": (49, 33), "Flag": (17, 25), "Collision": (25, 17)}
 
@@ -367,7 +368,7 @@ def test_the_default_lives_through_what_the_reference_does_on_small_and_thin_gri
             assert world.step(actions)[1] == [None] * 4
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", MEASURED)
 @pytest.mark.parametrize("factor", [2, 3, 4])
 def test_from_half_the_scenes_own_grid_the_default_is_what_was_trained(name: str, factor: int) -> None:
     rows, cols = load_task(name).resolution
@@ -379,6 +380,21 @@ def test_from_half_the_scenes_own_grid_the_default_is_what_was_trained(name: str
         task = load_task(name)
         scene = task.make_scene(resolution=shape, material=task.material)
         assert choose(scene, factor) == Choice("closure", "local")
+
+
+@pytest.mark.parametrize("name", sorted({*SCENES} - {*MEASURED}))
+@pytest.mark.parametrize("factor", [2, 4])
+def test_a_scene_without_a_fit_is_stepped_as_outside_a_card(name: str, factor: int) -> None:
+    task = load_task(name)
+    rows, cols = task.resolution
+    why = f"no closure of {name} at factor {factor}"
+    for shape, plain in (((rows, cols), ("similar", "bicubic", 2)), ((rows, 5), ("similar", "bilinear", 6))):
+        scene = task.make_scene(resolution=shape, material=task.material)
+        assert choose(scene, factor) == Choice(*plain, why)
+    env = make(name, factor=factor)
+    assert why in env.reset(seed=0)[1]["surrogate"]
+    with pytest.raises(ValueError, match=why):
+        make(name, factor=factor, strict=True)
 
 
 def test_a_cloth_of_few_cells_is_the_reference() -> None:

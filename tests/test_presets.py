@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -15,19 +16,22 @@ from cloth_envs.material import Material
 from cloth_envs.physics.admm.solver import AdmmSolver
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.laws.stencil import edges
-from cloth_envs.presets import lee2019, load_preset, presets_of, zhao2024
+from cloth_envs.presets import chen2020, lee2019, load_preset, presets_of, zhao2024
 from cloth_envs.recording import RolloutWriter
 from cloth_envs.recording.reader import Rollout
 from cloth_envs.registry import PRESETS
 from cloth_envs.rendering import framing
 from cloth_envs.scene import Air
+from cloth_envs.scenes import skirt
 from cloth_envs.world import World
+from surrogates.miniature.coarse import coarse_grid
 
 CASES = [(scene, preset) for preset, scenes in PRESETS.items() for scene in scenes]
 cases = pytest.mark.parametrize(("scene", "preset"), CASES)
 # The papers' grids and frames.
 GRIDS = {"Curtain": (73, 49), "Flag": (33, 49), "Collision": (61, 41)}
 FRAMES = {"Curtain": 0.04, "Flag": 0.04, "Collision": 0.02}
+COARSE: dict[str, Any] = {"chen2020": {"resolution": (28, 27)}}  # the paper's coarse cloth: a hundredth of the work
 
 
 def make(scene: str, preset: object, **options: object) -> gym.Env:
@@ -46,7 +50,7 @@ def rest(scene: str, preset: object, frames: int, **options: object) -> World:
 
 @cases
 def test_gymnasium_checker_is_clean(scene: str, preset: str) -> None:
-    with make(scene, preset) as env:
+    with make(scene, preset, **COARSE.get(preset, {})) as env:
         check_env(env.unwrapped, skip_render_check=True)
 
 
@@ -63,7 +67,7 @@ def test_spaces_are_those_of_the_scene(scene: str, preset: str) -> None:
 @cases
 def test_spec_round_trips_through_json(scene: str, preset: str) -> None:
     given = {"name": preset, "mass": 3.0, "spring": 70} if preset == "lee2019" else preset
-    with make(scene, given, obs="mesh") as env:
+    with make(scene, given, obs="mesh", **COARSE.get(preset, {})) as env:
         text = env.spec.to_json()
         want = env.reset(seed=0)[0], env.step(env.action_space.high)[0]
     with gym.make(gym.envs.registration.EnvSpec.from_json(text)) as again:
@@ -74,8 +78,9 @@ def test_spec_round_trips_through_json(scene: str, preset: str) -> None:
 
 @cases
 def test_state_continues_and_vector_members_are_bit_equal(scene: str, preset: str) -> None:
-    many = gym.make_vec(cloth_envs.env_id(scene), num_envs=2, preset=preset)
-    first, second = make(scene, preset).unwrapped, make(scene, preset).unwrapped
+    options = {"preset": preset, **COARSE.get(preset, {})}
+    many = gym.make_vec(cloth_envs.env_id(scene), num_envs=2, **options)
+    first, second = make(scene, **options).unwrapped, make(scene, **options).unwrapped
     batch, _ = many.reset(seed=3)
     assert np.array_equal(batch[0], first.reset(seed=3)[0])
     second.reset(seed=9)
@@ -92,22 +97,22 @@ def test_state_continues_and_vector_members_are_bit_equal(scene: str, preset: st
     assert 0 <= reward <= 1
 
 
-@cases
+@pytest.mark.parametrize(("scene", "preset"), [case for case in CASES if case != ("Skirt", "chen2020")])
 def test_zero_actions_hold_what_the_paper_holds(scene: str, preset: str) -> None:
-    """Handles and bodies, but for the ball of lee2019, stay bit-equal; every seed moves alike."""
-    world = World(scene, preset=preset, num_envs=2)
+    """Handles and bodies, but for balls on paths, stay bit-equal; every seed moves alike."""
+    world = World(scene, preset=preset, num_envs=2, **COARSE.get(preset, {}))
     world.reset({i: np.random.default_rng(i) for i in range(2)})
     start = world.state.copy()
     for _ in range(3):
         world.step(np.zeros((2, len(world.task.actions))))
-    end, handles = world.state, list(world.scene.handles)
+    end, handles = world.state, list(world.scene.pins)
     assert np.array_equal(end.positions[0], end.positions[1])
     held = [state.positions.reshape(2, 3, -1)[..., handles] for state in (start, end)]
     assert np.array_equal(*held)
     assert not end.velocities.reshape(2, 3, -1)[..., handles].any()
     assert not np.array_equal(start.positions, end.positions)
     assert (start.velocities == 0).all()
-    if scene != "Collision":
+    if scene not in ("Collision", "Hitting"):
         assert np.array_equal(start.colliders, end.colliders)
     pressure = {"Pressure": 187_500.0 * (preset == "zhao2024"), "Hanging": 6_250.0}.get(scene, 0.0)
     assert (end.pressure == pressure).all()
@@ -152,7 +157,7 @@ def test_lee2019_ball_keeps_to_its_path_and_flag_wind_turns_round() -> None:
     world = rest("Collision", "lee2019", 50)  # half a period
     ball = world.state.colliders[0, 0, 0]
     # float32 positions of up to a metre, each step from the last one's rounding.
-    assert np.allclose(ball, [0.0, lee2019.BALL_TO, lee2019.BALL_Z], atol=50 * np.finfo(np.float32).eps)
+    assert np.allclose(ball, [0.0, lee2019.BALL_ENDS[1], lee2019.BALL_Z], atol=50 * np.finfo(np.float32).eps)
     world = rest("Flag", {"name": "lee2019", "wind": -8.0}, 25)
     assert world.state.wind[0].tolist() == [-8.0, 0.0, 0.0]
     assert world.task.middle(world.episode)[0, 0] < 0  # the fly is downwind of the pole
@@ -160,7 +165,7 @@ def test_lee2019_ball_keeps_to_its_path_and_flag_wind_turns_round() -> None:
 
 @cases
 def test_bang_bang_actions_break_nothing(scene: str, preset: str) -> None:
-    world, rng = World(scene, preset=preset), np.random.default_rng(3)
+    world, rng = World(scene, preset=preset, **COARSE.get(preset, {})), np.random.default_rng(3)
     world.reset({0: rng})
     for frame in range(40):
         if frame % 4 == 0:
@@ -192,6 +197,77 @@ def test_goals_lie_where_the_paper_scene_comes_to_rest(scene: str, preset: str, 
     assert got == pytest.approx(want, abs=0.01)  # it still swings; the rewards' margins are 0.05 and 0.5 m
 
 
+@pytest.mark.parametrize(("scene", "count", "trained"), [("Draping", 13, 10), ("Hitting", 35, 31)])
+def test_chen2020_has_the_papers_sequences(scene: str, count: int, trained: int) -> None:
+    """All differ, in what is held, how large the sphere is and where; the sphere's last radius is of testing alone."""
+    task, found = load_preset(scene, "chen2020"), []
+    assert (task.sequences, task.trained) == (count, trained)  # type: ignore[attr-defined]
+    for sequence in range(count):
+        given = {"name": "chen2020", "sequence": sequence}
+        world, again = (World(scene, preset=given, resolution=(28, 27)) for _ in range(2))
+        world.reset({0: np.random.default_rng(0)}), again.reset({0: np.random.default_rng(1)})
+        assert (world.state.positions == again.state.positions).all()
+        assert (world.state.colliders == again.state.colliders).all()
+        radius = world.scene.colliders[0].radius if world.scene.colliders else 0.0
+        found.append((world.scene.pins, radius, world.state.positions.tobytes(), world.state.colliders.tobytes()))
+    held, radii, starts, bodies = (set(column) for column in zip(*found, strict=True))
+    if scene == "Draping":
+        assert (len(held), len(starts)) == (count, count)
+        assert all(vertex < 27 for (vertex,) in held)
+    else:
+        assert len(bodies) == count
+        assert {row[1] for row in found[trained:]} - {row[1] for row in found[:trained]} == {0.25}
+        assert radii == {0.1, 0.15, 0.2, 0.25, 0.3}
+
+
+@pytest.mark.parametrize("scene", ["Draping", "Hitting"])
+def test_chen2020_is_the_papers_grid_and_has_its_coarse_one(scene: str) -> None:
+    world = World(scene, preset="chen2020")
+    assert world.scene.grid.shape == (109, 105)
+    assert coarse_grid(world.scene.grid, 4).shape == (28, 27)
+    coarse = World(scene, preset="chen2020", resolution=(28, 27))
+    fine_rows, fine_cols = np.divmod(world.scene.pins, 105)
+    rows, cols = np.divmod(coarse.scene.pins, 27)
+    assert fine_rows.tolist() == (4 * rows).tolist()
+    if scene == "Draping":  # a clip of Hitting may lie between coarse vertices
+        assert fine_cols.tolist() == (4 * cols).tolist()
+
+
+def test_chen2020_has_the_papers_skirts() -> None:
+    """Their grids, a dance that is 8 times as slow, and hips that go with it alone where nothing is done."""
+    world = World("Skirt", preset="chen2020")
+    assert world.scene.grid.shape == (97, 208)
+    assert coarse_grid(world.scene.grid, 4).shape == (25, 52)
+    slow = World("Skirt", preset="chen2020", resolution=(25, 52))
+    slow.reset({0: np.random.default_rng(0)})
+    task: Any = slow.task
+    plain: Any = World("Skirt", resolution=(25, 52)).task
+    (place, speed), (same, fast) = (
+        each.joints(np.array([skirt.SETTLE + after]), np.array([2.0])) for each, after in ((task, 16.0), (plain, 2.0))
+    )
+    np.testing.assert_allclose(place, same, atol=1e-9)
+    np.testing.assert_allclose(8 * speed, fast, atol=1e-9)
+    for _ in range(3):
+        slow.step(np.zeros((1, 2)))
+    assert slow.episode is not None
+    np.testing.assert_allclose(np.concatenate(task.apart(slow.episode)[1:]), 0, atol=1e-5)
+
+
+def test_the_sphere_of_chen2020_crosses_back_and_forth() -> None:
+    world = World("Hitting", preset={"name": "chen2020", "sequence": 3}, resolution=(28, 27))
+    world.reset({0: np.random.default_rng(0)})
+    ys = []
+    for _ in range(round(2 * chen2020.PERIODS[1] / world.scene.frame_dt)):
+        _, reasons = world.step(np.zeros((1, 3)))
+        assert reasons == [None]
+        ys.append(float(world.state.colliders[0, 0, 0, 1]))
+    turns = np.count_nonzero(np.diff(np.sign(np.diff(ys))))
+    assert turns >= 3
+    # The turns lie between frames; a float32 of 0.7 for every frame.
+    assert max(ys) == pytest.approx(chen2020.END, abs=0.01)
+    assert min(ys) == pytest.approx(-chen2020.END, abs=0.01)
+
+
 def test_zhao2024_ball_is_inside_nothing_but_a_step() -> None:
     """What comes in at most: the way of one step at the speed of the fall from 0.6 to 0.3 m."""
     world = rest("BallDrop", "zhao2024", 30)
@@ -206,7 +282,7 @@ def test_zhao2024_ball_is_inside_nothing_but_a_step() -> None:
 @cases
 def test_pictures_hold_the_whole_cloth(scene: str, preset: str) -> None:
     """Every vertex lies in the field of view of the camera that the first frame chooses."""
-    world = World(scene, preset=preset)
+    world = World(scene, preset=preset, **COARSE.get(preset, {}))
     world.reset({0: np.random.default_rng(0)})
     aspect = 4 / 3
     towards = framing.direction(world.scene, world.state)
@@ -273,6 +349,8 @@ def test_every_preset_has_a_scene_and_the_command_takes_them(capsys: pytest.Capt
         ("Flag", {"name": "lee2019", "wind": 40.0}, {}, ["-12 to 12"]),
         ("Flag", {"name": "lee2019", "bending": -1.0}, {}, ["bending of 0 or more"]),
         ("Flag", {"name": "lee2019", "tangential": -1.0}, {}, ["tangential of 0 or more"]),
+        ("Draping", {"name": "chen2020", "sequence": 13}, {}, ["0 to 12"]),
+        ("Hitting", {"name": "chen2020", "sequence": 0.5}, {}, ["0 to 34"]),
         ("Pressure", {"name": "zhao2024", "mass": 3.0}, {}, ["no options"]),
         ("Pressure", "zhao2024", {"material": "silk"}, ["fixes the material", "leave material= out"]),
         ("Pressure", "zhao2024", {"randomize": {"drag": [0.1, 0.2]}}, ["fixes the randomize"]),

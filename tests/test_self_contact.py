@@ -15,7 +15,7 @@ from cloth_envs.world import World
 SMALL = (9, 9)
 
 
-FOLDING = ("Curtain", "Flag", "Hanging", "BallDrop")
+FOLDING = ("Curtain", "Flag", "Hanging", "BallDrop", "Draping", "Hitting", "Skirt")
 
 
 @pytest.mark.parametrize("name", cloth_envs.SCENES)
@@ -28,7 +28,7 @@ def test_scenes_that_fold_list_it(name: str) -> None:
         words = f"self-contact, layers {1e3 * scene.layer:.2g} mm apart, friction 0.3"
         assert (words in modelled, "self-contact" in missing) == ((True, False) if on else (False, True))
     for preset in (preset for preset, scenes in PRESETS.items() if name in scenes):
-        assert World(name, preset=preset).scene.self_contact is None
+        assert World(name, preset=preset).scene.self_contact == (SelfContact() if preset == "chen2020" else None)
 
 
 def test_the_distance_of_layers_is_what_kernels_are_told(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,6 +23,11 @@ def about_backend(name: str) -> str:
         return str(error)
 
 
+def _default(value: float | str) -> str:
+    """An option's default as text."""
+    return f"{value:g}" if isinstance(value, float | int) else repr(value)
+
+
 def everything() -> str:
     """Scenes, presets, backends, fabrics and policies as text."""
     scenes = [["scene", "grid", "frame", "episode", "action, each in [-1, 1]"]]
@@ -37,7 +42,9 @@ def everything() -> str:
         tasks = [load_preset(scene, name) for scene in of]
         grids = ", ".join(dict.fromkeys(f"{task.resolution[0]} x {task.resolution[1]}" for task in tasks))
         options = {option: value for task in tasks for option, value in task.options.items()}
-        presets.append([name, ", ".join(of), grids, ", ".join(f"{o} {value:g}" for o, value in options.items())])
+        presets.append(
+            [name, ", ".join(of), grids, ", ".join(f"{o} {_default(value)}" for o, value in options.items())]
+        )
     backends = [[name, about_backend(name)] for name in backend_names()]
     fabrics = [["fabric", "kg/m^2", "stretch N/m", "shear N/m", "bend N m"]]
     for name, m in FABRICS.items():

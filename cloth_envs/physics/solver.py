@@ -84,7 +84,12 @@ def kernel_sheet(scene: Scene) -> kernels.Sheet:
         hold=scene.holding.hold.ravel().tolist(),
         lead=scene.holding.lead.tolist(),
         bodies=[
-            kernels.Body(plane=body.kind == "plane", radius=body.radius, friction=body.friction)
+            kernels.Body(
+                plane=body.kind == "plane",
+                radius=body.radius,
+                friction=body.friction,
+                turns_with=-1 if body.turns_with is None else body.turns_with,
+            )
             for body in scene.colliders
         ],
     )

@@ -21,11 +21,11 @@ def solver_of(preset: str | Mapping[str, Any] | None) -> dict[str, Any]:
 
 
 def load_preset(scene: str, preset: str | Mapping[str, Any]) -> type[Task]:
-    """The Task class of ``scene`` in a preset: its name, or ``{"name": ..., option: number}``.
+    """The Task class of ``scene`` in a preset: its name, or ``{"name": ..., option: number or text}``.
 
     Raises:
         ValueError: an unknown scene, preset or option (the nearest match is named), a preset that this scene
-            does not have, or an option that is no finite number or out of its range.
+            does not have, or an option that is no finite number (or no text, where its default is) or out of its range.
     """
     load_task(scene)
     options: dict[str, Any] = dict(preset) if isinstance(preset, Mapping) else {"name": preset}
@@ -45,6 +45,10 @@ def load_preset(scene: str, preset: str | Mapping[str, Any]) -> type[Task]:
             raise ValueError(f'preset {name!r} of {scene} has no options: write preset="{name}" without {option!r}')
         if option not in task.options:
             raise unknown_name(f"option of preset {name!r}:", option, task.options)
+        if isinstance(task.options[option], str):
+            if not isinstance(value, str):
+                raise ValueError(f"preset {name!r} needs text as {option}, got {value!r}")
+            continue
         number = as_number(value)
         if number is None or not np.isfinite(number):
             raise ValueError(f"preset {name!r} needs a finite number as {option}, got {value!r}")

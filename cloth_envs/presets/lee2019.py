@@ -25,13 +25,13 @@ from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
+from cloth_envs.presets.ball_path import BallPath, to_and_fro
 from cloth_envs.scene import Air, Scene
 from cloth_envs.scenes.collision import FREE_STRAIN, GOAL_HIGH, GOAL_LOW, Collision
 from cloth_envs.scenes.curtain import ACCELERATION, APART, SPEED, TARGET, Curtain
 from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.flag import ASIDE, FASTEST, Flag
 from cloth_envs.scenes.task import Episode, Start, Task
-from cloth_envs.state import Controls
 
 OPTIONS = {"mass": 1.5, "spring": 150.0}  # kg of the whole cloth, N/m of every spring
 WIND = 12.0  # m/s along x
@@ -39,7 +39,7 @@ BENDING = 0.25  # of the flag's bending springs over spring constant times cell^
 TANGENTIAL = 0.2  # coefficient of the wind along the flag
 DRAG = 0.5  # 1/s, in still air
 ACROSS = 0.5  # rad, between the flag at the start and the wind
-BALL_FROM, BALL_TO, BALL_Z = -0.5, 0.1, -0.75  # m, the ball's centre along y, and its height below the upper row
+BALL_ENDS, BALL_Z = (-0.5, 0.1), -0.75  # m, the ball's centre along y, and its height below the upper row
 BALL_PERIOD = 2.0  # s, there and back
 
 
@@ -171,7 +171,7 @@ class Flag2019(Lee2019, Flag):
         return array_namespace(still).concat([still + self.options["wind"], still, still], axis=1)
 
 
-class Collision2019(Lee2019, Collision):
+class Collision2019(Lee2019, BallPath, Collision):
     """
     ## Description
     `Collision` after Lee, Oh & Lee 2019, of 61 x 41 vertices: the cloth hangs by its whole upper edge, and a ball moves
@@ -201,20 +201,15 @@ class Collision2019(Lee2019, Collision):
         material = scene.material
         weight = scene.gravity * material.areal_density * scene.grid.height  # N/m, what the upper edge carries
         self.free_strain = FREE_STRAIN + weight / (material.stretch_stiffness + material.shear_stiffness)
-        self.drive = Drive([-0.3] * 3, [0.3] * 3, speed=1.2, acceleration=12.0, dt=self.frame_dt)
 
     @classmethod
     def build_scene(cls, grid: Grid, material: Material) -> Scene:
         return replace(super().build_scene(grid, material), handles=tuple(range(grid.cols)), grips=(), air=None)
 
     def path(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where the ball would be at ``time`` ``(B,)`` and how fast, ``(B, 3)`` [m] and [m/s]."""
-        middle, reach = (BALL_FROM + BALL_TO) / 2, (BALL_TO - BALL_FROM) / 2
-        rate = 2 * np.pi / BALL_PERIOD
+        place, speed = to_and_fro(time, BALL_ENDS, BALL_PERIOD)
         xp, still = array_namespace(time), 0.0 * time
-        place = middle - reach * xp.cos(rate * time), still + BALL_Z
-        speed = reach * rate * xp.sin(rate * time), still
-        return xp.stack([still, *place], axis=1), xp.stack([still, *speed], axis=1)
+        return xp.stack([still, place, still + BALL_Z], axis=1), xp.stack([still, speed, still], axis=1)
 
     def start(self, rng: np.random.Generator) -> Start:
         grid = self.scene.grid
@@ -225,13 +220,3 @@ class Collision2019(Lee2019, Collision):
         memory = {"goal": goal, "shape": self.shape(goal[None])[0]}
         ball, _ = self.path(np.zeros(1))
         return Start(positions, np.zeros_like(positions), np.tile(ball, (1, 2, 1)), memory)
-
-    def controls(self, episode: Episode) -> Controls:
-        state = episode.state
-        (place, speed), (next_place, next_speed) = self.path(state.time), self.path(state.time + self.frame_dt)
-        off, drift = state.colliders[:, 0, 0] - place, state.collider_velocities[:, 0, 0] - speed
-        moved, reached = self.drive(off, drift, episode.action)
-        controls = self.hold(episode)
-        controls.colliders[:] = (next_place + off + moved)[:, None, None]
-        controls.collider_velocities[:] = (next_speed + reached)[:, None, None]
-        return controls

@@ -14,6 +14,7 @@ FILL = 0.90  # fraction of the picture that the scene may fill
 SLACK = 0.25  # fraction of the cloth's size that handles or bodies may move before the camera follows
 TURN_ROUND = 0.6  # of a flag's length that is kept free around its pole
 FLOOR_GAP = {"pole": 0.0, "rail": 0.03, "frame": 0.0, "belt": 0.25, "pins": 0.15, "free": 0.0}  # of the cloth's size
+WORN_GAP = 0.07  # the same under a body that wears the cloth
 HEADROOM = {"pole": 0.06, "rail": 0.05, "frame": 0.0, "belt": 0.0, "pins": 0.04, "free": 0.0}  # of the cloth's size
 ELEVATION = {"pole": 9.0, "rail": 9.0, "frame": 24.0, "belt": 14.0, "pins": 14.0, "free": 24.0}  # degrees
 TURN = {"pole": 24.0, "rail": 28.0, "frame": 30.0, "belt": 0.0, "pins": 32.0, "free": 30.0}  # degrees
@@ -106,8 +107,11 @@ def reach(scene: Scene, state: State, member: int = 0) -> np.ndarray:
             low, high = np.minimum(low, ends.min(0) - body.radius), np.maximum(high, ends.max(0) + body.radius)
             if kind == "free":  # it may hang over the body by half its diagonal
                 low[2] = min(low[2], ends[:, 2].max() + body.radius - np.hypot(grid.width, grid.height) / 2)
+            if kind == "rail":  # it may press the hem
+                low[2] = min(low[2], lowest_hang(grid, scene.pins, handles[:, 2]) - body.radius)
     size = max(grid.width, grid.height)
-    low[2], high[2] = low[2] - FLOOR_GAP[kind] * size, high[2] + HEADROOM[kind] * size
+    gap = WORN_GAP if kind == "belt" and scene.colliders else FLOOR_GAP[kind]
+    low[2], high[2] = low[2] - gap * size, high[2] + HEADROOM[kind] * size
     for body, (point, normal) in zip(scene.colliders, state.colliders[member], strict=True):
         if body.kind == "plane" and normal[2] > 0.99 * np.linalg.norm(normal):
             low[2] = point[2]  # the first level one is the ground

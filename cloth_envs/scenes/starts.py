@@ -70,6 +70,24 @@ def pleats(grid: Grid, waves: int, ratio: float, side: float) -> np.ndarray:
     return positions
 
 
+def ruffle(grid: Grid, pleats: int, radius: float) -> np.ndarray:
+    """A closed line of the grid's columns, in pleats around a circle, every edge at rest length; ``(2, W)`` [m].
+
+    ``radius`` [m] is the mean distance from its centre, at most that of the line laid out as a circle. There are fewer
+    ``pleats`` than asked for where one would have less than four columns, and none, but that circle, where that leaves
+    less than half of them.
+    """
+    possible = min(pleats, grid.cols // 4)
+    turns = 2 * np.pi * (np.arange(grid.cols) + 0.5) / grid.cols
+    wave = np.cos(possible * turns) * (2 * possible >= pleats)
+    sharpest = np.linspace(0.0, 2.2, 221)[:, None]
+    edges = np.exp(1j * (turns + sharpest * wave))
+    lines = grid.col_spacing * np.cumsum(edges - edges.mean(1, keepdims=True), 1)
+    lines -= lines.mean(1, keepdims=True)
+    line = lines[np.abs(np.abs(lines).mean(1) - radius).argmin()]
+    return np.roll(np.stack([line.real, line.imag]), 1, 1)
+
+
 def rotation(angle: np.ndarray, first: int, second: int) -> np.ndarray:
     """Rotations by ``angle`` ``(B,)`` [rad] from axis ``first`` towards axis ``second``, ``(B, 3, 3)``."""
     xp = array_namespace(angle)

@@ -81,7 +81,7 @@ class Task(ABC):
     material: ClassVar[Material] = Material()
     max_strain: ClassVar[float] = MAX_STRAIN  # of an edge, at which an episode ends as overstretched
     drive: drives.Drive  # what the action moves, in scenes where it moves something
-    options: ClassVar[Mapping[str, float]] = {}  # numbers that a preset lets its user change (``with_options``)
+    options: ClassVar[Mapping[str, float | str]] = {}  # what a preset lets its user change (``with_options``)
     fixed: ClassVar[tuple[str, ...]] = ()  # what a preset leaves no choice of
     watched: np.ndarray | None = None  # the vertices that the task reads, but for whole meshes; None: maybe all
 
@@ -123,7 +123,7 @@ class Task(ABC):
         """The scene on ``grid``."""
 
     @classmethod
-    def with_options(cls, **options: float) -> "type[Task]":
+    def with_options(cls, **options: Any) -> "type[Task]":
         """The task with some of its ``options`` changed; for those that have any."""
         raise NotImplementedError(f"{cls.__name__} says how its options {', '.join(options)} change it")
 

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from cloth_envs.physics.laws.air import OWN
+from cloth_envs.physics.laws.bodies import DEEP, SWEEPS, TURN_LEAST
 from cloth_envs.physics.laws.drives import handle_starts, hermite
 from cloth_envs.physics.laws.step import foresight, kicks
 from cloth_envs.scene import Collider, Scene
@@ -54,9 +55,32 @@ def _nearest(ends: Tensor, x: Tensor) -> tuple[Tensor, Tensor]:
     return s, (1 - s) * ends[:, 0][:, :, None] + s * ends[:, 1][:, :, None]
 
 
+def spin(body: Collider, start: Tensor, end: Tensor, number: int) -> Tensor | None:
+    """By how much a capsule turns about its axis, ``(B, 3)`` [rad], or None: see ``laws.bodies.spin``."""
+    if body.turns_with is None:
+        return None
+    first, was, axis, is_ = (at[:, i, 1] - at[:, i, 0] for at in (start, end) for i in (number, body.turns_with))
+    across = [b - _dot(b, a) / _dot(a, a).clamp_min(TINY) * a for a, b in ((first, was), (axis, is_))]
+    square = torch.maximum(_dot(across[1], across[1]), TURN_LEAST * _dot(is_, is_)) * _dot(axis, axis)
+    return _dot(axis, torch.linalg.cross(*across, dim=1)) / square.clamp_min(TINY) * axis
+
+
+def leave(body: Collider, x: Tensor, end: Tensor, thickness: float) -> Tensor:
+    """Positions ``(B, 3, N)`` of which those deep inside a body are put onto its surface: see ``laws.bodies.leave``."""
+    radius = body.radius + thickness
+    if body.kind == "plane":
+        n = end[:, 1][:, :, None]
+        gap = _dot(n, x - end[:, 0][:, :, None]) - radius
+        return x + torch.where(gap < -DEEP, -gap, 0) * n
+    p = x - _nearest(end, x)[1]
+    size = (_dot(p, p) + TINY).sqrt()
+    return x + torch.where(size < radius - DEEP, radius / size - 1, 0) * p
+
+
 def contact(
-    body: Collider, x0: Tensor, x1: Tensor, v: Tensor, start: Tensor, end: Tensor, thickness: float, dt: float
-) -> tuple[Tensor, Tensor]:
+    body: Collider, x0: Tensor, x1: Tensor, v: Tensor, start: Tensor, end: Tensor, thickness: float, dt: float,
+    turn: Tensor | None = None,
+) -> tuple[Tensor, Tensor]:  # fmt: skip
     """Corrected ``x1`` and ``v`` ``(B, 3, N)``: see ``laws.bodies.resolve_body``."""
     radius = body.radius + thickness
     if body.kind == "plane":
@@ -77,6 +101,8 @@ def contact(
         n = at / (_dot(at, at) + TINY).sqrt()
         gap = _dot(n, p1) - radius
         touching = (gap < 0) & (enters | (outside < 0)) & (_dot(p0, p0) > 0)
+    if turn is not None:
+        carried = carried + radius / dt * torch.linalg.cross(turn[:, :, None].expand_as(n), n, dim=1)
     relative = v - carried
     speed = _dot(n, relative)
     stop = torch.where(touching, (-speed).clamp_min(0), 0)
@@ -88,6 +114,23 @@ def contact(
         size = (_dot(p, p) + TINY).sqrt()
         x1 = x1 + torch.where(size < radius, radius / size - 1, 0) * p
     return x1, v + stop * n - hold * sliding
+
+
+def all_contact(
+    scene: Scene, x: Tensor, after: Tensor, v: Tensor, bodies: Tensor, moved: Tensor, dt: float
+) -> tuple[Tensor, Tensor]:
+    """Positions ``after`` a step from ``x`` and velocities, flat, out of all bodies: see ``laws.bodies``."""
+    before, now, v = (a.flatten(2) for a in (x, after, v))
+    for i, body in enumerate(scene.colliders):
+        turn = spin(body, bodies, moved, i)
+        now, v = contact(body, before, now, v, bodies[:, i], moved[:, i], scene.thickness, dt, turn)
+    for _ in range(SWEEPS if len(scene.colliders) > 1 else 0):
+        last = now
+        for i, body in enumerate(scene.colliders):
+            now = leave(body, now, moved[:, i], scene.thickness)
+        if now.device.type == "cpu" and torch.equal(now, last):  # a device would have to be waited for
+            break
+    return now, v
 
 
 def frame(
@@ -141,9 +184,7 @@ def frame(
             end, step = (k + 0.5) / substeps, h / 2
         after = x + step * v
         moved: Tensor = hermite(end, dt, *cubic)[0]  # type: ignore[arg-type, assignment]
-        for i, body in enumerate(scene.colliders):
-            given = x.flatten(2), after.flatten(2), v.flatten(2), bodies[:, i], moved[:, i]
-            after, v = (a.reshape(shape) for a in contact(body, *given, scene.thickness, step))
+        after, v = (a.reshape(shape) for a in all_contact(scene, x, after, v, bodies, moved, step))
         bodies = moved
         if k < substeps:
             x = after

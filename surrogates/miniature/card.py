@@ -68,6 +68,13 @@ class Card:
         return cls(load_task(name).make_scene(resolution=resolution, material=Material(*material)))
 
     @classmethod
+    @cache
+    def own(cls, name: str) -> "Card":
+        """Of a scene as it is by default: what tells few or oblong cells of one without a fit."""
+        task = load_task(name)
+        return cls(task.make_scene(resolution=task.resolution, material=task.material))
+
+    @classmethod
     def read(cls, name: str, entry: Mapping[str, Any]) -> "Card":
         """From what the file says of a scene at a grid factor, ``"fitted on"``."""
         return cls.of(name, tuple(entry["resolution"]), tuple(Material(**entry["material"]).as_dict().values()))

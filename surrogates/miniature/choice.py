@@ -31,18 +31,21 @@ def closure_card(scene: str, factor: int) -> Card | None:
 def choose(scene: Scene, factor: int) -> Choice:
     """``"closure"`` and ``"local"`` within their card, else what is plainer.
 
-    On another scene or cloth, or where the coarse grid is fine, that is ``"similar"`` and ``"bicubic"``. On grids of
-    few or oblong cells a cloth that is not taut would tear with the network: it is interpolated linearly there, from at
-    least ``LEAST`` coarse cells along each side, and one that has no more is not coarsened.
+    On another scene or cloth, on one that has no fit, or where the coarse grid is fine, that is ``"similar"`` and
+    ``"bicubic"``. On grids of few or oblong cells a cloth that is not taut would tear with the network: it is
+    interpolated linearly there, from at least ``LEAST`` coarse cells along each side, and one that has no more is not
+    coarsened.
     """
-    fitted = closure_card(scene.name, factor)
+    fitted, lacks = closure_card(scene.name, factor), ""
     if fitted is None or not of_factor(weights_name("local", scene.name), factor):
-        return Choice(why=f"no closure of {scene.name} at factor {factor}")
-    coarse = coarse_grid(scene.grid, factor)
-    other, grid = fitted.beyond(scene, coarse), fitted.grid_beyond(scene.grid, coarse)
+        lacks = f"no closure of {scene.name} at factor {factor}"
+        if scene.name not in SCENES:
+            return Choice(why=lacks)
+    known, coarse = fitted or Card.own(scene.name), coarse_grid(scene.grid, factor)
+    other, grid = lacks or known.beyond(scene, coarse), known.grid_beyond(scene.grid, coarse)
     if not grid and not other:
         return Choice("closure", "local")
-    if not grid or fitted.taut:
+    if not grid or known.taut:
         return Choice(why=other or grid)
     whole = coarse_grid(scene.grid, factor, LEAST) == scene.grid
     return Choice("similar" if other or whole else "closure", "bilinear", LEAST, other or grid)

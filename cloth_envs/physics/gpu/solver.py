@@ -37,7 +37,7 @@ class CardSolver(Stateful):
             slow forces were held.
 
     Raises:
-        ValueError: a net of particles, or a sheet that is too large for a card.
+        ValueError: a net of particles, bodies that spin, or a sheet that is too large for a card.
         ImportError: CuPy is missing; names the extra.
     """
 
@@ -54,6 +54,8 @@ class CardSolver(Stateful):
     ) -> None:
         if scene.particles is not None:
             raise ValueError("a net of particles is not stepped on a card: leave device out")
+        if any(body.turns_with is not None for body in scene.colliders):
+            raise ValueError("bodies that spin are not stepped on a card: leave device out")
         self.scene = self._stepped = scene
         self.num_envs = whole_number("num_envs", num_envs)
         self.device = torch.device(device)

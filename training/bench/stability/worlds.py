@@ -10,11 +10,12 @@ from gymnasium.utils.seeding import np_random
 
 from cloth_envs.grid import coarser
 from cloth_envs.policies import open_loop
-from cloth_envs.registry import SCENES, load_task
+from cloth_envs.registry import load_task
 from cloth_envs.scene import Scene
 from cloth_envs.scenes.task import Episode
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
+from training.bench.benchmark import MEASURED
 from training.rollouts import retime
 
 DURATION = 0.64  # s of a run, a whole number of frames of four times any scene's
@@ -200,15 +201,15 @@ AXES: dict[str, Axis] = {
     ),
     "actions": Axis(
         "actions", (0, 1, 4), lambda base, level: _plain(base, POLICIES[round(level)]),
-        label=lambda level: POLICIES[round(level)], usual=tuple(SCENES),
+        label=lambda level: POLICIES[round(level)], usual=MEASURED,
     ),
     "random": Axis(
         "random actions at every frame [frames]", (10, 25, 50, 100),
-        lambda base, level: episode(base, round(level), "random"), label="{:g}".format, cut=True, usual=tuple(SCENES),
+        lambda base, level: episode(base, round(level), "random"), label="{:g}".format, cut=True, usual=MEASURED,
     ),
     "bang-bang": Axis(
         "bang-bang actions [frames]", (25, 50, 100, 200), lambda base, level: episode(base, round(level), "bang-bang"),
-        label="{:g}".format, cut=True, usual=tuple(SCENES),
+        label="{:g}".format, cut=True, usual=MEASURED,
     ),
     "wind": Axis("wind speed", (0, 1 / 2, 1, 3 / 2, 2, 3), _changed(_wind), ("Flag",)),
     "direction": Axis("wind turned [degrees]", (0, 45, 90, 135, 180), _changed(_turned), ("Flag",), "{:g}".format),

@@ -79,6 +79,26 @@ def ball_drop(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
     return _act(np.tile(weights, 2), *([part[:, axis] for part in parts] for axis in (0, 1)))
 
 
+def draping(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """As ``hanging``, without a breeze."""
+    return hanging(np.column_stack([obs, np.zeros(len(obs))]), weights)
+
+
+def hitting(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """By the way from the ball to the target, what the vertex misses of it, the ball's velocity and the side."""
+    ball, speed, vertex, _, target = np.split(obs[:, -15:], 5, 1)
+    side = np.sign(target[:, 1])
+    x, y, z = zip((3 * (target - ball)).T, (3 * (target - vertex)).T, speed.T, strict=True)
+    return _act(weights, x, [*y, side], z)
+
+
+def skirt(obs: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Turning by the target, what the hem misses of it and the present rate; rising by height and speed."""
+    turning, height, rising, hem, target = obs[:, -5:].T
+    missing, wide = 20 * (target - hem), 20 * (target - 0.2)
+    return _act(weights, [missing, wide, turning / 6, np.ones(len(obs))], [5 * height, 2 * rising, missing])
+
+
 class Form(NamedTuple):
     """A policy's function and how many weights it has."""
 
@@ -93,6 +113,9 @@ FORMS: Mapping[str, Form] = {
     "Pressure": Form(pressure, 4),
     "Hanging": Form(hanging, 6),
     "BallDrop": Form(ball_drop, 5),
+    "Draping": Form(draping, 6),
+    "Hitting": Form(hitting, 10),
+    "Skirt": Form(skirt, 7),
 }
 
 

@@ -55,7 +55,7 @@ Touch<T> touch(const BodyStep<T>& b, const Vec<T>& x0, const Vec<T>& x1, T margi
     const bool same = dot(entry, p1) > T(0.5) * size * size1;
     out.normal = same ? (1 / size1) * p1 : (1 / size) * entry;
     out.gap = dot(out.normal, p1) - b.radius;
-    carried = c1 - axis_point(b.before, t1);
+    carried = c1 - axis_point(b.before, t1) + b.radius * cross(vec(b.turn), out.normal);
   }
   const Vec<T> moved = x1 - x0 - carried;
   out.slip = moved - dot(moved, out.normal) * out.normal;

@@ -13,6 +13,7 @@
 namespace minicloth {
 namespace {
 
+constexpr int kLook = 8;                 // substeps for which bodies stay near or far
 constexpr std::size_t kCache = 1 << 20;  // bytes that the fields of cloths in lanes may take
 
 // One thread's fields. Where no vertex is they are zeros and stay so, but for what is not finite.
@@ -131,6 +132,7 @@ bool Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
   thread_local std::vector<SelfContact<T>> selves;
   if (selves.size() < folding) selves.resize(folding);
   for (std::size_t m = 0; m < folding; ++m) selves[m].begin(sheet_, s, f, int(m), count, materials[members[m]].damping);
+  thread_local Near near;
   for (int k = 0; k <= count; ++k) {
     if (slow_forces && k % held == 0) {
       const double later = middle(k, std::min(k + held, count + 1), count), since = k > held ? held : held - 0.5;
@@ -139,9 +141,12 @@ bool Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
       slow_forces(s, f, slow);
     }
     if (k == 0) handles.pull(f, width, 0, -h / 2);
+    const int ahead = k == 0 ? 1 : k == 1 || k % kLook == 0 ? kLook - k % kLook : 0;  // substeps, 0: seen already
+    if (ahead) bodies.look(k / double(count), (k + ahead) / double(count));
     const std::vector<BodyLanes<T>>& now = bodies.to((k + (k < count ? 1 : 0.5)) / count);
+    if (!now.empty() && ahead) kernels.near(s, f, full, now, ahead, near);
     const Part part = k == count ? Part::kLast : now.empty() ? Part::kFree : Part::kBodies;
-    kernels.step[simple][int(part)](s, f, k == count ? last : k ? full : half, now);
+    kernels.step[simple][int(part)](s, f, k == count ? last : k ? full : half, now, near);
     handles.hold(f, full, width, std::min(k + 1, count) / double(count), k < count ? h : 0);
     for (std::size_t m = 0; k < count && m < folding; ++m) selves[m].step();
   }

@@ -1,6 +1,7 @@
 // The explicit solver: frames of velocity Verlet substeps for a batch of cloths; bending and the air, which change
 // slowly, are computed every few of them.
 #pragma once
+#include <cstdint>
 #include <utility>
 #include <vector>
 
@@ -23,6 +24,14 @@ struct Fields {
 
 template <class T>
 using Lanes = T[kMostLanes<T>];
+
+// Which bodies the vertices of a vector may meet in the next substeps: of every row and column a bit for each body,
+// the same for every kBits-th.
+constexpr int kBits = 64;
+struct Near {
+  std::vector<std::uint64_t> bodies;
+  std::vector<int> block;  // those near some columns
+};
 
 // What a substep needs of every lane's cloth.
 template <class T>
@@ -49,11 +58,14 @@ template <class T>
 struct ExplicitLanes {
   int width;
   // A substep of springs, dampers, gravity, drag, the slow forces and contact with bodies.
-  using Step = void (*)(const Strips<T>&, const Fields<T>&, const StepTerms<T>&, const std::vector<BodyLanes<T>>&);
+  using Step = void (*)(const Strips<T>&, const Fields<T>&, const StepTerms<T>&, const std::vector<BodyLanes<T>>&,
+                        const Near&);
   Step step[2][3];  // [simple material][Part]
   // Bending and the air.
   using Slow = void (*)(const Strips<T>&, const Fields<T>&, const SlowTerms<T>&);
   Slow slow[2][2][2];  // [bending][air][pressure]; none for none
+  // Which bodies are near for some substeps: see near.hpp.
+  void (*near)(const Strips<T>&, const Fields<T>&, const StepTerms<T>&, const std::vector<BodyLanes<T>>&, int, Near&);
   // Of the shear of positions, and of velocities: see shear.hpp.
   T (*slant)(int, int, const T*);
   T (*apart)(int, int, const T*);

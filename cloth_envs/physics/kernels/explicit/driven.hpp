@@ -60,39 +60,55 @@ class HeldVertices {
 template <class T>
 class LaneBodies {
  public:
-  explicit LaneBodies(const Sheet& sheet) : bodies_(sheet.bodies.size()) {
-    for (std::size_t i = 0; i < bodies_.size(); ++i) {
-      const Body& body = sheet.bodies[i];
-      bodies_[i].shape = body.plane ? Shape::kPlane : Shape::kSphere;
-      bodies_[i].radius = T(body.radius + sheet.thickness), bodies_[i].friction = T(body.friction);
+  explicit LaneBodies(const Sheet& sheet) {
+    for (const Body& body : sheet.bodies) {
+      BodyLanes<T> lanes = {};
+      lanes.shape = body.plane ? Shape::kPlane : Shape::kSphere;
+      lanes.radius = T(body.radius + sheet.thickness), lanes.friction = T(body.friction);
+      bodies_.push_back(lanes);
     }
   }
   // Those of lanes `first` to `last` - 1.
   void add(const Sheet& sheet, const Frame<T>& frame, int first, int last) {
-    lanes_.push_back({first, last, body_paths(sheet, frame)});
-    for (std::size_t i = 0; i < bodies_.size(); ++i)
-      for (int k = 0; k < 3; ++k)
-        if (bodies_[i].shape == Shape::kSphere &&
-            !(lanes_.back().paths[6 * i + k] == lanes_.back().paths[6 * i + 3 + k]))
-          bodies_[i].shape = Shape::kCapsule;
+    lanes_.push_back({first, last, BodyPaths(sheet, frame)});
+    for (std::size_t b = 0; b < bodies_.size(); ++b)
+      if (bodies_[b].shape == Shape::kSphere && !lanes_.back().paths.round(b)) bodies_[b].shape = Shape::kCapsule;
     to(0), to(0);
   }
   // The step from where the last one ended to s.
   const std::vector<BodyLanes<T>>& to(double s) {
-    for (const Bodies& one : lanes_)
-      for (std::size_t i = 0; i < one.paths.size(); ++i) {
-        T* const before = bodies_[i / 6].before[i / 3 % 2][i % 3];
-        T* const after = bodies_[i / 6].after[i / 3 % 2][i % 3];
-        const T at = T(one.paths[i].position(s));
-        for (int l = one.first; l < one.last; ++l) before[l] = after[l], after[l] = at;
+    for (Bodies& one : lanes_) {
+      one.paths.to(s);
+      for (std::size_t b = 0; b < bodies_.size(); ++b) {
+        BodyLanes<T>& body = bodies_[b];
+        for (int i = 0; i < 6; ++i) {
+          T *const before = body.before[i / 3][i % 3], *const after = body.after[i / 3][i % 3];
+          const T at = T(one.paths.at(b, i / 3, i % 3));
+          for (int l = one.first; l < one.last; ++l) before[l] = after[l], after[l] = at;
+        }
+        const Vec<double> turn = one.paths.turn(b);
+        for (int l = one.first; l < one.last; ++l)
+          body.turn[0][l] = T(turn.x), body.turn[1][l] = T(turn.y), body.turn[2][l] = T(turn.z);
       }
+    }
     return bodies_;
+  }
+  // Where they will be until `to`.
+  void look(double from, double to) {
+    for (const Bodies& one : lanes_)
+      for (std::size_t b = 0; b < bodies_.size(); ++b)
+        for (int k = 0; k < 3; ++k) {
+          BodyLanes<T>& body = bodies_[b];
+          const auto [low, high, way] = one.paths.range(b, k, from, to);
+          for (int l = one.first; l < one.last; ++l)
+            body.low[k][l] = T(low), body.high[k][l] = T(high), body.way[l] = std::max(k ? body.way[l] : T(0), T(way));
+        }
   }
 
  private:
   struct Bodies {
     int first, last;
-    std::vector<Cubic> paths;
+    BodyPaths paths;
   };
   std::vector<BodyLanes<T>> bodies_;
   std::vector<Bodies> lanes_;

@@ -2,6 +2,7 @@
 #include <algorithm>
 
 #include "core.hpp"
+#include "near.hpp"
 #include "shear.hpp"
 #include "slow.hpp"
 #include "step.hpp"
@@ -18,6 +19,7 @@ const ExplicitLanes<T> instance = {
     {{{nullptr, slow<T, false, false, true>}, {slow<T, false, true, false>, slow<T, false, true, true>}},
      {{slow<T, true, false, false>, slow<T, true, false, true>},
       {slow<T, true, true, false>, slow<T, true, true, true>}}},
+    near<T>,
     slant<T>,
     apart<T>,
 };

@@ -11,7 +11,8 @@ namespace {
 // are still where they were; then the vertex moves. Of a simple material f = k (1 - L / |d + damping w|) d: the dashpot
 // lies in the length.
 template <class T, bool kSimple, Part kPart>
-void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies) {
+void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies,
+          const Near& near) {
   constexpr int n = kLanes<T>, q = 3 * n, w = 4 * n;
   const int cols = s.cols;
   const V<T> none = {};
@@ -98,7 +99,9 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
       set_pulls<T>(arrive + (cols - 1) * w, down_before);
     }
     if constexpr (kPart == Part::kBodies)
-      if (r) keep_out(bodies, *moving, p, cols, f.x + s.at(r, 0), f.v + s.at(r, 0), row);
+      if (r)
+        keep_out(bodies, near.bodies.data() + std::size_t(r) * cols, *moving, p, cols, f.x + s.at(r, 0),
+                 f.v + s.at(r, 0), row);
   }
   // The first row waited: what arrives there comes from the last row of the band before.
   const V<T> inner = accelerate * load(s.inverse_area.data()), fall = load(p.gravity_kick) * load(s.inside.data());
@@ -110,9 +113,9 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
     move(y0, get<T>(y0 + to_x), all, border ? T(2) * inner : inner, fall);
   }
   if constexpr (kPart == Part::kBodies)
-    keep_out(bodies, *moving, p, cols, f.x + s.at(0, 0), f.v + s.at(0, 0), f.y + s.at(0, 0));
+    keep_out(bodies, near.bodies.data(), *moving, p, cols, f.x + s.at(0, 0), f.v + s.at(0, 0), f.y + s.at(0, 0));
   if constexpr (kPart == Part::kLast)
-    if (!bodies.empty()) rest(s, f, p, bodies);
+    if (!bodies.empty()) rest(s, f, p, bodies, near);
 }
 
 }  // namespace

@@ -74,6 +74,7 @@ inline void begin_body(const CardSheet& s, const CardBatch& b, int member, int n
   const CardBody& told = b.bodies[number];
   body.step.shape = told.plane ? Shape::kPlane : sphere ? Shape::kSphere : Shape::kCapsule;
   body.step.radius = float(told.radius), body.step.friction = float(told.friction);
+  for (int k = 0; k < 3; ++k) body.step.turn[k][0] = 0;  // none spins: solver.py refuses it
 }
 
 // The step from where the last one ended to t of the frame, of dt.
@@ -85,13 +86,18 @@ inline void move_body(double t, float dt, Driven& body) {
   body.moving = Moving<float>(body.step, dt);
 }
 
-// Contact of a vertex that the step took from `start` to x at v with all bodies in turn.
+// Contact of a vertex that the step took from `start` to x at v with all bodies in turn, and then out of all of them.
 inline void keep_out(const CardSheet& s, const Shared& shared, const V3<float>& start, V3<float>& x, V3<float>& v) {
+  bool deep = false;
   for (int i = 0; i < s.bodies; ++i) {
     const Driven& body = shared.driven[i];
     if (!may_touch(body.moving, x, x - start)) continue;
     const Vertex<float> now = touch(body.step, body.moving, start, Vertex<float>{x, v});
-    x = now.x, v = now.v;
+    x = now.x, v = now.v, deep = s.bodies > 1;
+  }
+  for (int sweep = 0; deep && sweep < kSweeps; ++sweep) {
+    deep = false;
+    for (int i = 0; i < s.bodies; ++i) deep |= leave(shared.driven[i].moving, x);
   }
 }
 

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "../sheet/bodies.hpp"
+#include "../sheet/drives.hpp"
 
 namespace minicloth {
 namespace {
@@ -13,7 +13,12 @@ constexpr double kStill = 1e-12;  // m; less slip than this is none
 }  // namespace
 
 Contact::Contact(const Sheet& sheet, double slack)
-    : n_(sheet.rows * sheet.cols), slack_(slack), bodies_(sheet.bodies), x_start_(3 * n_), x_base_(3 * n_) {
+    : n_(sheet.rows * sheet.cols),
+      slack_(slack),
+      bodies_(sheet.bodies),
+      turn_(sheet.bodies.size()),
+      x_start_(3 * n_),
+      x_base_(3 * n_) {
   for (Body& body : bodies_) body.radius += sheet.thickness;
   load_.assign(n_, 0.0), hold_.assign(n_, kFree), body_.assign(n_, -1);
   for (std::size_t h = 0; h < sheet.handles.size(); ++h)
@@ -30,6 +35,9 @@ void Contact::begin(const double* start, const double* base, const double* bodie
     to->resize(count);
     for (std::size_t b = 0; b < count; ++b) std::copy_n(from + 6 * b, 6, &(*to)[b].p[0][0]);
   }
+  for (std::size_t b = 0; b < count; ++b)
+    if (const int with = bodies_[b].turns_with; with >= 0)
+      turn_[b] = turned(base_[b].p, end_[b].p, base_[with].p, end_[with].p);
   for (int i = 0; i < n_; ++i)
     if (body_[i] >= 0) hold_[i] = kFree, body_[i] = -1, load_[i] = 0;
 }
@@ -55,7 +63,9 @@ Contact::Hit Contact::hit(int body, const Point& x) const {
 Contact::Point Contact::anchor(int i, int body, double s) const {
   const auto &from = base_[body].p, &to = end_[body].p;
   const Point carried = at(x_base_.data(), i) + (1 - s) * (vec(to[0]) - vec(from[0]));
-  return bodies_[body].plane ? carried : carried + s * (vec(to[1]) - vec(from[1]));
+  if (bodies_[body].plane) return carried;
+  const Point arm = at(x_base_.data(), i) - axis_point(from, nearest(from, at(x_base_.data(), i)));
+  return carried + s * (vec(to[1]) - vec(from[1])) + cross(turn_[body], arm);
 }
 
 // Onto the surface, along the normal there.

@@ -48,6 +48,7 @@ class Contact {
   int n_;
   double slack_, tau_ = 1;
   std::vector<Body> bodies_;
+  std::vector<Point> turn_;  // of each from base to end, along its axis [rad]
   std::vector<Ends> start_, base_, end_;
   std::vector<double> x_start_, x_base_, load_;
   std::vector<signed char> hold_;

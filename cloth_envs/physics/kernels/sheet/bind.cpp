@@ -15,8 +15,10 @@ void bind_sheet(nb::module_& m) {
   nb::class_<Body>(m, "Body", "A ball or capsule, or a plane: its radius [m] and friction.")
       .def(
           "__init__",
-          [](Body* self, bool plane, double radius, double friction) { new (self) Body{plane, radius, friction}; },
-          nb::kw_only(), nb::arg("plane"), nb::arg("radius"), nb::arg("friction"));
+          [](Body* self, bool plane, double radius, double friction, int turns_with) {
+            new (self) Body{plane, radius, friction, turns_with};
+          },
+          nb::kw_only(), nb::arg("plane"), nb::arg("radius"), nb::arg("friction"), nb::arg("turns_with"));
   nb::class_<Sheet>(m, "Sheet", "What all cloths of a batch share: the grid, which terms exist, what is driven.")
       .def(
           "__init__",
@@ -29,6 +31,9 @@ void bind_sheet(nb::module_& m) {
             need(hold.size() == 3 * handles.size() && lead.size() == handles.size(), "hold must be (N, 3), lead (N,)");
             for (double h : hold) need(h >= 0, "what holds a handle can't be negative");
             need(self_thickness >= 0 && self_friction >= 0, "neither thickness nor friction can be negative");
+            for (const Body& body : bodies)
+              need(body.turns_with >= -1 && body.turns_with < int(bodies.size()),
+                   "a body turns with one of the sheet's");
             for (int h : lead) need(h >= 0 && h < int(handles.size()), "what leads a handle must be a handle");
             new (self) Sheet{rows,
                              cols,

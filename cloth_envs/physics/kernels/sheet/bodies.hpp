@@ -10,6 +10,7 @@ struct BodyStep {
   bool plane;
   T before[2][3], after[2][3];
   T radius, friction, dt;  // radius includes the thickness
+  T turn[3];               // by which it turns about its axis, along that [rad]
 };
 
 // The same of one body in every lane of vectors: of several cloths, or of one.
@@ -22,7 +23,14 @@ struct BodyLanes {
   T radius, friction;
   alignas(width * sizeof(T)) T before[2][3][width];
   T after[2][3][width];
+  T turn[3][width];
+  // For some steps: the box of where the axis will be, and how far it goes along x, y or z at most.
+  T low[3][width], high[3][width], way[width];
 };
+
+constexpr double kTurnLeast = 0.1;  // of the squared length of what turns with it, the least of its part across
+constexpr double kDeep = 1e-5;      // m, from which on a vertex is inside one of several bodies
+constexpr int kSweeps = 8;          // at most, over all bodies, until it is in none
 
 // How far along a body's axis, from 0 to 1, the point nearest to q lies; and that point.
 template <class T>

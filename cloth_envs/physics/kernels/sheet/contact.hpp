@@ -37,7 +37,8 @@ struct Moving {
   Shape shape;
   V3<T> before, after, moved;  // its first end or its point, and how far that moves
   V3<T> axis, other;           // to the other end, or the normal; and how far the other end moves
-  V<T> radius, radius2, over_radius, dt, rate, friction;
+  V3<T> turn;                  // about the axis [rad]
+  V<T> radius, radius2, over_radius, over_axis2, far, dt, rate, friction;
   template <int width>
   Moving(const BodyLanes<T, width>& b, const V<T>& dt_)
       : shape(b.shape),
@@ -46,13 +47,37 @@ struct Moving {
         moved(after - before),
         axis(shape == Shape::kPlane ? point(b.after[1]) : point(b.after[1]) - after),
         other(point(b.after[1]) - point(b.before[1])),
+        turn(point(b.turn)),
         radius(V<T>{} + b.radius),
         radius2(radius * radius),
         over_radius(T(1) / radius),
+        over_axis2(T(1) / (dot(axis, axis) + tiny<T>)),
+        far(dot(moved, moved) + dot(other, other)),
         dt(dt_),
         rate(T(1) / dt_),
         friction(V<T>{} + b.friction) {}
 };
+
+// From positions to the nearest point of a round body's axis.
+template <class T>
+inline V3<T> off_axis(const Moving<T>& m, const V3<T>& x) {
+  const V3<T> p = x - m.after;
+  if (m.shape == Shape::kSphere) return p;
+  const V<T> none = {}, along = dot(p, m.axis) * m.over_axis2;
+  return p - (along < T(0) ? none : (along > T(1) ? none + T(1) : along)) * m.axis;
+}
+
+// The squared distance from there, or from the plane where that is positive.
+template <class T>
+inline V<T> distance2(const Moving<T>& m, const V3<T>& x) {
+  const V<T> none = {};
+  if (m.shape != Shape::kPlane) {
+    const V3<T> off = off_axis(m, x);
+    return dot(off, off);
+  }
+  const V<T> gap = dot(m.axis, x - m.after);
+  return gap < T(0) ? none : gap * gap;
+}
 
 // Whether vertices that a step took by `way` to x may touch; some that do not pass.
 template <class T>
@@ -61,11 +86,32 @@ inline bool may_touch(const Moving<T>& m, const V3<T>& x, const V3<T>& way) {
   if (m.shape == Shape::kPlane) return any<T>(dot(m.axis, p) < m.radius);
   // In the body's frame one goes by d to p. To enter it, or to be held in the tangent plane where it was inside, takes
   // |p - d|^2 - R^2 <= -2 (p - d) . d, that is |p|^2 <= R^2 + |d|^2.
-  const V3<T> d = way - m.moved;
-  const V<T> far = dot(d, d);
-  if (m.shape == Shape::kSphere) return any<T>(dot(p, p) < m.radius2 + T(1.01) * far);
-  const V3<T> turned = m.other - m.moved;  // a ball about one end holds the capsule and its way
-  return any<T>(dot(p, p) < T(4) * (m.radius2 + dot(m.axis, m.axis)) + T(6) * (far + dot(turned, turned)));
+  if (m.shape == Shape::kSphere) {
+    const V3<T> d = way - m.moved;
+    return any<T>(dot(p, p) < m.radius2 + T(1.01) * dot(d, d));
+  }
+  // p and p - d are from the nearest points of a capsule's axis, which go no further than vertex and ends together.
+  const V3<T> off = off_axis(m, x);
+  return any<T>(dot(off, off) < m.radius2 + T(8.1) * (dot(way, way) + m.far));
+}
+
+// Positions that are deep inside a body, put onto its surface; whether any was.
+template <class T>
+inline bool leave(const Moving<T>& m, V3<T>& x) {
+  const V<T> none = {};
+  V3<T> off = m.axis;
+  V<T> push;
+  if (m.shape == Shape::kPlane) {
+    const V<T> gap = dot(m.axis, x - m.after) - m.radius;
+    push = gap < -T(kDeep) ? -gap : none;
+  } else {
+    off = off_axis(m, x);
+    const V<T> square = dot(off, off), most = m.radius - T(kDeep);
+    const auto deep = (most > none) & (square < most * most);
+    push = deep ? m.radius * rsqrt(square + tiny<T>) - T(1) : none;
+  }
+  x = x + push * off;
+  return any<T>(push > none);
 }
 
 // Swept contact with Coulomb friction of vertices that the step took from x0 to x at velocity v. In the body's frame
@@ -95,6 +141,7 @@ inline void touch_shape(const BodyLanes<T, width>& b, const Moving<T>& m, const 
     const V<T> way = enters ? time : none, scale = inside ? rsqrt(start2 + tiny<T>) : m.over_radius;
     n = scale * (p0 + way * d), gap = dot(n, p1) - m.radius, touching = (inside | enters) & (gap < T(0));
   }
+  if constexpr (kShape == Shape::kCapsule) body = body + m.radius * cross(m.turn, n);
   const V3<T> u = v - m.rate * body;
   const V<T> un = dot(u, n), stop = (touching & (un < T(0))) ? -un : none;  // normal change of velocity
   const V3<T> slide = u - un * n;

@@ -1,5 +1,6 @@
 // How handles and bodies move through a frame.
 #pragma once
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
@@ -94,27 +95,91 @@ std::vector<Cubic> body_paths(const Sheet& sheet, const Frame<T>& f) {
   return paths;
 }
 
+// By how much a capsule turns about its axis, along that [rad], as the part across of an axis that goes from o0 to o1
+// does while its own goes from a0 to a1. Less where the two are nearly parallel.
+inline Vec<double> turned(const double (&a0)[2][3], const double (&a1)[2][3], const double (&o0)[2][3],
+                          const double (&o1)[2][3]) {
+  const Vec<double> from = vec(a0[1]) - vec(a0[0]), to = vec(a1[1]) - vec(a1[0]);
+  const double from2 = dot(from, from), to2 = dot(to, to);
+  if (from2 == 0 || to2 == 0) return {};
+  const Vec<double> was = vec(o0[1]) - vec(o0[0]), is = vec(o1[1]) - vec(o1[0]);
+  const Vec<double> across0 = was - (dot(was, from) / from2) * from, across1 = is - (dot(is, to) / to2) * to;
+  const double least = kTurnLeast * dot(is, is), square = dot(across1, across1);
+  return dot(to, cross(across0, across1)) / (to2 * std::max({square, least, 1e-300})) * to;
+}
+
+// Where bodies are, and by how much they turned since they were last somewhere.
+class BodyPaths {
+ public:
+  template <class T>
+  BodyPaths(const Sheet& sheet, const Frame<T>& f) : bodies_(&sheet.bodies), paths_(body_paths(sheet, f)) {
+    now_.resize(sheet.bodies.size());
+    to(0.0);
+  }
+  void to(double s) {
+    before_ = now_;
+    for (std::size_t i = 0; i < paths_.size(); ++i) now_[i / 6].p[i / 3 % 2][i % 3] = paths_[i].position(s);
+  }
+  // The least and the most of axis k of body b's ends between two places of the frame, and how far one goes.
+  struct Range {
+    double low, high, way;
+  };
+  Range range(std::size_t b, int k, double from, double to) const {
+    Range all = {1e300, -1e300, 0};
+    for (const std::size_t i : {6 * b + k, 6 * b + 3 + k}) {
+      const auto [low, high] =
+          std::minmax({paths_[i].position(from), paths_[i].position(0.5 * (from + to)), paths_[i].position(to)});
+      all = {std::min(all.low, low), std::max(all.high, high), std::max(all.way, high - low)};
+    }
+    return all;
+  }
+  // Of body b, axis k of its end or point e; whether the ends move alike.
+  double at(std::size_t b, int e, int k) const { return now_[b].p[e][k]; }
+  bool round(std::size_t b) const {
+    for (int k = 0; k < 3; ++k)
+      if (!(paths_[6 * b + k] == paths_[6 * b + 3 + k])) return false;
+    return true;
+  }
+  Vec<double> turn(std::size_t b) const {
+    const int with = (*bodies_)[b].turns_with;
+    return with < 0 ? Vec<double>{} : turned(before_[b].p, now_[b].p, before_[with].p, now_[with].p);
+  }
+
+ private:
+  struct Ends {
+    double p[2][3];
+  };
+  const std::vector<Body>* bodies_;
+  std::vector<Cubic> paths_;
+  std::vector<Ends> before_, now_;
+};
+
 // The bodies in one step after the other.
 template <class T>
 class MovingBodies {
  public:
-  MovingBodies(const Sheet& sheet, const Frame<T>& f, double dt) : paths_(body_paths(sheet, f)) {
+  MovingBodies(const Sheet& sheet, const Frame<T>& f, double dt) : paths_(sheet, f) {
     for (const Body& body : sheet.bodies)
-      steps_.push_back({body.plane, {}, {}, T(body.radius + sheet.thickness), T(body.friction), T(dt)});
+      steps_.push_back({body.plane, {}, {}, T(body.radius + sheet.thickness), T(body.friction), T(dt), {}});
     to(0.0);
   }
   // The step from where the last one ended to s.
   const std::vector<BodyStep<T>>& to(double s) {
-    for (std::size_t i = 0; i < paths_.size(); ++i) {
-      BodyStep<T>& body = steps_[i / 6];
-      T &before = body.before[i / 3 % 2][i % 3], &after = body.after[i / 3 % 2][i % 3];
-      before = after, after = T(paths_[i].position(s));
+    paths_.to(s);
+    for (std::size_t b = 0; b < steps_.size(); ++b) {
+      BodyStep<T>& body = steps_[b];
+      for (int i = 0; i < 6; ++i) {
+        T &before = body.before[i / 3][i % 3], &after = body.after[i / 3][i % 3];
+        before = after, after = T(paths_.at(b, i / 3, i % 3));
+      }
+      const Vec<double> turn = paths_.turn(b);
+      body.turn[0] = T(turn.x), body.turn[1] = T(turn.y), body.turn[2] = T(turn.z);
     }
     return steps_;
   }
 
  private:
-  std::vector<Cubic> paths_;
+  BodyPaths paths_;
   std::vector<BodyStep<T>> steps_;
 };
 

@@ -8,6 +8,7 @@ namespace minicloth {
 struct Body {
   bool plane;
   double radius, friction;  // m, Coulomb's coefficient
+  int turns_with;           // the body with whose axis it turns about its own, -1 if it doesn't
 };
 
 // What all cloths of a batch share: the grid, which terms exist, what is driven.

@@ -1,0 +1,1 @@
+"""A dancing figure: joints that move (``motion``, ``dance``) and the capsules around them (``body``)."""

@@ -1,0 +1,195 @@
+"""Skirt: a gathered skirt on a dancer, who turns and rises so that its hem swings to a target radius."""
+
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+
+from cloth_envs.figure import body
+from cloth_envs.figure.dance import dance, stand
+from cloth_envs.figure.motion import Motion
+from cloth_envs.grid import Grid
+from cloth_envs.material import FABRICS, Material
+from cloth_envs.scene import Air, Scene, SelfContact
+from cloth_envs.scenes.drives import Drive
+from cloth_envs.scenes.measures import columns, tolerance
+from cloth_envs.scenes.starts import ruffle
+from cloth_envs.scenes.task import Episode, Start, Task, documented
+from cloth_envs.state import Controls
+
+PLEATS = 13
+WAIST, HIP = 0.15, 0.19  # m, mean radius of the waistband, and of the skirt from below the hips on
+RISE, FALL = 0.1, 0.12  # m, of the waistband above the pelvis, and from it down to where the skirt has its radius
+SETTLE, BLEND = 0.3, 1.3  # s, standing at first, then going over into the dance (the paper's 80 frames)
+SPIN, SPIN_UP = 6.0, 20.0  # rad/s at full action, rad/s^2
+LIFT, LIFT_SPEED, LIFT_UP = 0.1, 0.5, 5.0  # m, m/s, m/s^2
+TURNS = 1e6  # rad, no limit
+TARGET = (0.228, 0.248)  # m, of the hem's radius; 1.6 m around are 0.255 m
+MARGIN = 0.025  # m
+SHORT = 1e-3  # s, over which velocities are differences
+
+
+@documented
+class Skirt(Task):
+    """
+    ## Description
+    A long skirt, 0.75 m from waist to hem and 1.6 m around, is gathered onto the waistband of a dancer, a body of 13
+    capsules with hips that sway and twist. Turn and raise the dancer so that the hem swings to a target radius.
+
+    ## Action Space
+    `Box(-1, 1, (2,))`: rate at which the dancer turns about the vertical besides dancing, +-1 is 6 rad/s, and speed
+    upwards, +-1 is 0.5 m/s, within 0.1 m of the dance's height.
+
+    ## Observation Space
+    `obs="keypoints"`: positions, then velocities of a 4 x 6 lattice of vertices (72 + 72 numbers), then the middle of
+    the hips, its velocity, the hips' direction to the left (x, y of it), the rate of turning, height and speed upwards
+    besides the dance, the hem's radius and the target.
+
+    ## Rewards
+    `tolerance(hem's radius - target, 0.025 m)`, in [0, 1]; the radius is the mean level distance of the hem's vertices
+    from the middle of the hips.
+
+    ## Starting State
+    The dancer stands, turned at random, and goes over into the dance, at a random place of it, within the first 1.6 s.
+    The skirt hangs in pleats at rest length and at rest. The target is random.
+
+    ## What Is Modelled
+    Springs, damping, bending, gravity, still air, contact and friction with the body, whose waist, chest and thighs
+    spin about their axes as the dancer twists, and of the cloth with itself. The body doesn't feel the cloth.
+    """
+
+    size = (0.75, 1.6)
+    resolution = (49, 104)
+    frame_dt = 0.02
+    actions = ("turning", "rising")
+    lattice = (4, 6)
+    extras = (
+        *("hips x", "hips y", "hips z", "hips vx", "hips vy", "hips vz"),
+        *("left x", "left y", "turning", "height", "rising"),
+        *("hem radius", "target radius"),
+    )
+    extras_bound = 50.0
+    material = FABRICS["cotton"]
+    motion: ClassVar[Motion] = dance()
+    tempo: ClassVar[float] = 1.0
+
+    def __init__(self, scene: Scene) -> None:
+        super().__init__(scene)
+        self.drive = Drive((-TURNS,), (TURNS,), speed=SPIN, acceleration=SPIN_UP, dt=self.frame_dt)
+        self.lift = Drive((-LIFT,), (LIFT,), speed=LIFT_SPEED, acceleration=LIFT_UP, dt=self.frame_dt)
+        self.band = np.append(ruffle(scene.grid, PLEATS, WAIST), np.full((1, scene.grid.cols), RISE), 0)
+        self.standing = stand()[0] - stand()[0, body.PELVIS]
+        self.watch(np.arange(scene.grid.vertices - scene.grid.cols, scene.grid.vertices))
+
+    @classmethod
+    def build_scene(cls, grid: Grid, material: Material) -> Scene:
+        return Scene(
+            *("Skirt", replace(grid, periodic=True), material, cls.frame_dt),
+            handles=tuple(range(grid.cols)),
+            air=Air(),
+            colliders=body.colliders(),
+            self_contact=SelfContact(),
+        )
+
+    def joints(self, time: np.ndarray, begin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions [m] and velocities [m/s] ``(B, J, 3)`` at ``time`` of dances from ``begin`` on, ``(B,)`` [s]."""
+        danced, speed = self.motion.at(begin + self.tempo * np.maximum(time - SETTLE, 0.0))
+        speed = self.tempo * speed
+        at = np.clip((time - SETTLE) / BLEND, 0.0, 1.0)[:, None, None]
+        if (at == 1.0).all():
+            return danced, speed
+        first, _ = self.motion.at(begin)
+        upright = _turned(np.broadcast_to(self.standing, first.shape), _heading(first)) + first[:, [body.PELVIS]]
+        share, rate = at**3 * (10 - 15 * at + 6 * at * at), 30 * (at * (1 - at)) ** 2 / BLEND
+        return upright + share * (danced - upright), share * speed + rate * (danced - upright)
+
+    def posed(self, joints: np.ndarray, turn: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The waistband ``(B, W, 3)`` and the capsules ``(B, C, 2, 3)`` [m] of dancers who are turned and raised."""
+        middle = joints[:, [body.PELVIS]] * [1.0, 1.0, 0.0]
+        joints = _turned(joints - middle, turn) + middle + height[:, None, None] * [0.0, 0.0, 1.0]
+        band = joints[:, [body.PELVIS]] + self.band.T @ body.hips_frame(joints)
+        return band, body.ends(joints)
+
+    def start(self, rng: np.random.Generator) -> Start:
+        begin = np.array([rng.uniform(0.0, self.motion.duration) if self.motion.loops else 0.0])
+        turn = rng.uniform(-np.pi, np.pi, 1)
+        joints, _ = self.joints(np.zeros(1), begin)
+        hung = self.hung().reshape(1, 3, -1).transpose(0, 2, 1)
+        positions = _turned(hung, turn + _heading(joints)) + joints[:, [body.PELVIS]]
+        positions = positions[0].T.reshape(3, *self.scene.grid.shape)
+        _, bodies = self.posed(joints, turn, np.zeros(1))
+        memory = {"begin": begin[0], "target": np.array(rng.uniform(*TARGET))}
+        return Start(positions, np.zeros_like(positions), bodies[0], memory)
+
+    def hung(self) -> np.ndarray:
+        """The skirt at rest length about the pelvis of a dancer who faces along x, ``(3, H, W)`` [m]."""
+        grid = self.scene.grid
+        depth = np.minimum(np.arange(grid.rows) * grid.row_spacing / FALL, 1.0)
+        radii = WAIST + (HIP - WAIST) * depth * depth * (3 - 2 * depth)
+        level = np.stack([ruffle(grid, PLEATS, radius) for radius in radii], 1)
+        away = np.square(np.diff(level, axis=1)).sum(0)
+        drop = np.sqrt(np.maximum(grid.row_spacing**2 - away, 0.0))
+        height = RISE - np.cumsum(np.concatenate([np.zeros((1, grid.cols)), drop]), 0)
+        return np.concatenate([level, height[None]])
+
+    def apart(self, episode: Episode) -> tuple[np.ndarray, ...]:
+        """By how much a dancer is turned [rad], how fast, raised [m] and how fast besides the dance, ``(B,)`` each."""
+        state = episode.state
+        hips = [field[:, 0].astype(float) for field in (state.colliders, state.collider_velocities)]
+        danced = [field[:, body.HIPS] for field in self.joints(state.time, episode.memory["begin"])]
+        (angle, rate), (own, own_rate) = (_angle(*(at[:, 1] - at[:, 0] for at in pair)) for pair in (hips, danced))
+        height, rising = ((mine - theirs)[..., 2].mean(1) for mine, theirs in zip(hips, danced, strict=True))
+        return angle - own, rate - own_rate, height, rising
+
+    def controls(self, episode: Episode) -> Controls:
+        turn, rate, height, rising = (part[:, None] for part in self.apart(episode))
+        turned, rate = self.drive(turn, rate, episode.action[:, :1])
+        raised, rising = self.lift(height, rising, episode.action[:, 1:])
+        turn, height = turn + turned, height + raised
+        joints, speed = self.joints(episode.state.time + self.frame_dt, episode.memory["begin"])
+        before, now, after = (
+            self.posed(joints + ahead * speed, (turn + ahead * rate)[:, 0], (height + ahead * rising)[:, 0])
+            for ahead in (-SHORT, 0.0, SHORT)
+        )
+        controls = self.hold(episode)
+        controls.handle_positions, controls.colliders = now
+        controls.handle_velocities, controls.collider_velocities = (
+            (b - a) / (2 * SHORT) for a, b in zip(before, after, strict=True)
+        )
+        return controls
+
+    def hem(self, episode: Episode) -> np.ndarray:
+        """Mean level distance of the hem from the middle of the hips, ``(B,)`` [m]."""
+        middle = episode.state.colliders[:, 0].astype(float).mean(1)[:, :2, None]
+        away = episode.state.positions[:, :2, -1].astype(float) - middle
+        return np.sqrt(np.square(away).sum(1)).mean(1)
+
+    def observe(self, episode: Episode) -> np.ndarray:
+        state = episode.state
+        left = (state.colliders[:, 0, 1] - state.colliders[:, 0, 0])[:, :2].astype(float)
+        left /= np.linalg.norm(left, axis=1, keepdims=True) + 1e-9
+        _, rate, height, speed = self.apart(episode)
+        hips = state.colliders[:, 0].mean(1), state.collider_velocities[:, 0].mean(1)
+        return columns(*hips, left, rate, height, speed, self.hem(episode), episode.memory["target"])
+
+    def reward(self, episode: Episode) -> np.ndarray:
+        return tolerance(self.hem(episode) - episode.memory["target"], MARGIN)
+
+
+def _turned(points: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Points ``(B, N, 3)`` turned about the vertical by ``angle`` ``(B,)`` [rad]."""
+    cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    x, y, z = np.moveaxis(points, 2, 0)
+    return np.stack([cos * x - sin * y, sin * x + cos * y, z], 2)
+
+
+def _heading(joints: np.ndarray) -> np.ndarray:
+    """The angle from x to where the hips of ``joints`` ``(B, J, 3)`` face, ``(B,)`` [rad]."""
+    forward = body.hips_frame(joints)[:, 0]
+    return np.arctan2(forward[:, 1], forward[:, 0])
+
+
+def _angle(line: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The angle from x to level lines ``(B, 3)`` [rad], and the rate at which it grows as they change by ``speed``."""
+    square = np.square(line[:, :2]).sum(1) + 1e-12
+    return np.arctan2(line[:, 1], line[:, 0]), (line[:, 0] * speed[:, 1] - line[:, 1] * speed[:, 0]) / square
