@@ -96,18 +96,19 @@ def frame(
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
     """``x`` and ``v`` after a frame of ``substeps``, as ``laws.step``: slow forces are held for ``hold`` of them.
 
-    ``start`` is for its bodies, ``forces`` are plugged in [N] in every substep.
+    ``start`` is for its bodies, ``forces`` are plugged in [N] in every substep. Fields of ``start`` and ``controls`` may
+    be tensors, to which gradients then flow.
     """
 
-    def tensor(a: np.ndarray) -> Tensor:
-        return torch.as_tensor(np.ascontiguousarray(a), dtype=x.dtype, device=x.device)
+    def tensor(a: np.ndarray | Tensor) -> Tensor:
+        return torch.as_tensor(a, dtype=x.dtype, device=x.device)
 
     dt, held, shape = scene.frame_dt, list(scene.handles), x.shape
     h = dt / substeps
     drag, part, past, slow = sheets["drag"], kicks(substeps).tolist(), v, torch.zeros_like(x)
     wind, pressure = tensor(controls.wind), tensor(controls.pressure)
     index = torch.tensor(held, dtype=torch.int64, device=x.device)
-    ends = [tensor(a.transpose(0, 2, 1)) for a in (controls.handle_positions, controls.handle_velocities)]
+    ends = [tensor(a).mT for a in (controls.handle_positions, controls.handle_velocities)]
     now = [a.flatten(2)[..., held].transpose(1, 2) for a in (x, v)]
     starts: list[Tensor] = handle_starts(scene, *now, ends[0].transpose(1, 2))  # type: ignore[arg-type, assignment, call-arg]
     handles = [*(a.transpose(1, 2) for a in starts), *ends]
