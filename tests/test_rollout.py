@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def usual(batch: int) -> dict[str, torch.Tensor]:
     return {name: torch.tensor(value, dtype=torch.float64).repeat(batch, 1) for name, value in USUAL.items()}
 
 
-def end(given: Mapping[str, torch.Tensor], *, recompute: bool = True) -> torch.Tensor:
+def end(given: Mapping[str, torch.Tensor], *, cell: SheetCell | None = None, recompute: bool = True) -> torch.Tensor:
     """Positions of sheets that a ball hits from below, in the wind, two corners on their way, after ten frames."""
     batch = len(given["ball"])
     c, r = np.meshgrid(np.arange(5) * 0.1, np.arange(5) * 0.1)
@@ -49,7 +49,7 @@ def end(given: Mapping[str, torch.Tensor], *, recompute: bool = True) -> torch.T
         places = x.flatten(2)[..., SCENE.handles].mT + time * corners, BALL + time * ball
         drives.append(Controls(places[0], corners, places[1], ball, given["wind"], given["pressure"][:, 0]))
     steps = int(SCENE.frame_dt / stable_step(SCENE, SCENE.material)) + 1
-    cell = SheetCell(SCENE, dtype=torch.float64)
+    cell = cell or SheetCell(SCENE, dtype=torch.float64)
     return rollout(cell, SCENE, sheets, x, v, start, drives, steps, 2, recompute=recompute)[-1][0]
 
 
@@ -95,3 +95,18 @@ def test_recomputed_frames_have_the_same_gradient_and_keep_less() -> None:
     (less, *again), (more, *whole) = found
     assert less < more / 50
     assert all(a is not None and torch.equal(a, b) for a, b in zip(again, whole, strict=True))
+
+
+def test_fused_laws_are_whole_graphs_of_the_same_result() -> None:
+    cell, sizes = SheetCell(SCENE, dtype=torch.float64), list[int]()
+
+    def backend(graph: torch.fx.GraphModule, inputs: list[torch.Tensor]) -> Callable[..., object]:
+        sizes.append(sum(node.op.startswith("call") for node in graph.graph.nodes))
+        return graph.forward
+
+    cell.fuse(backend=backend, fullgraph=True)
+    with torch.no_grad():
+        gap = (end(usual(1), cell=cell) - end(usual(1))).abs().max()
+    assert len(sizes) == 3  # springs, bending, air: each once, whatever the substep
+    assert min(sizes) > 20
+    assert gap == 0

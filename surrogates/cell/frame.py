@@ -117,6 +117,7 @@ def frame(
     rate = soft * (sheets["stretch_stiffness"] / sheets["areal_density"])[..., 0]
     bodies, *rest = (tensor(a) for part in (start, controls) for a in (part.colliders, part.collider_velocities))
     cubic = [bodies, *rest]
+    springs, bending, air = cell.fused(cell.springs), cell.fused(cell.bending), cell.fused(air_forces)
 
     def pulled(x: Tensor, v: Tensor, path: Tensor, time: float) -> Tensor:  # as laws.drives.pull_handles
         pull = time * rate * (path - x.flatten(2)[..., held])
@@ -126,10 +127,10 @@ def frame(
         if k % hold == 0:
             later, trend = foresight(k, hold, substeps)
             then, seen = x + later * h * v, v + trend * (v - past)
-            past, slow = v, cell.bending(then, sheets)
+            past, slow = v, bending(then, sheets)
             if scene.air is not None or scene.pressure:
-                slow = slow + air_forces(scene, then, seen, wind, pressure)
-        force = cell.springs(x, v, sheets) + slow
+                slow = slow + air(scene, then, seen, wind, pressure)
+        force = springs(x, v, sheets) + slow
         for extra in forces:
             force = force + extra(x, v)
         time = h * part[k]
