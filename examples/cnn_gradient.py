@@ -17,8 +17,8 @@ from cloth_envs.state import Controls, State
 from surrogates.cell.rollout import rollout
 from surrogates.cell.sheet import SheetCell, properties
 
-FRAMES, STIFFNESS = 10, 40.0  # N/m
-SCENE = Scene("Bars", Grid(6, 6, 0.5, 0.5), Material(0.2, STIFFNESS, 10.0), 0.02, handles=(*range(6), *range(30, 36)))
+FRAMES, STIFFNESS = 10, 20.0  # N/m
+SCENE = Scene("Bars", Grid(6, 6, 0.5, 0.5), Material(0.2, STIFFNESS, 5.0), 0.02, handles=(*range(6), *range(30, 36)))
 STIFFEST = SCENE.material.with_changes(stretch_stiffness=3 * STIFFNESS)
 SUBSTEPS = int(SCENE.frame_dt / stable_step(SCENE, STIFFEST)) + 1  # stable for all that is tried
 ROWS, COLS = np.indices(SCENE.grid.shape) * SCENE.grid.row_spacing
@@ -56,7 +56,7 @@ def identify(factor: float = 2.0, steps: int = 8) -> float:
     return unknown.exp().item()
 
 
-def shoot(target: torch.Tensor, steps: int = 4) -> tuple[torch.Tensor, float]:
+def shoot(target: torch.Tensor, steps: int = 3) -> tuple[torch.Tensor, float]:
     """The first bar's velocity [m/s] by Newton's method for vertex 2, 2 to end at ``target``, and what it misses [m]."""
     velocity, stiffness = X.new_zeros(3), X.new_tensor(STIFFNESS)
 
@@ -69,8 +69,6 @@ def shoot(target: torch.Tensor, steps: int = 4) -> tuple[torch.Tensor, float]:
 
 
 if __name__ == "__main__":
-    for factor in (2.0, 0.5):
-        found = identify(factor)
-        print(f"stiffness from {factor * STIFFNESS:.0f} N/m on: {found:.3f} N/m, of the solver {STIFFNESS:.0f} N/m")
+    print(f"stiffness, from twice as much on: {identify():.3f} N/m; it is {STIFFNESS:.0f} N/m")
     velocity, missed = shoot(X.new_tensor([0.23, -0.2, 0.05]))
     print(f"the bar at {velocity.numpy().round(3)} m/s: the vertex misses its target by {1e3 * missed:.4f} mm")
