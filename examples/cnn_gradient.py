@@ -1,7 +1,7 @@
 """Gradients through ten frames of the cell of Zhao 2024, on a sheet: ``python examples/cnn_gradient.py``.
 
-A sheet of rubber is stretched by a tenth between two level bars and let go. How stiff is it, by where its vertices are in
-the next 0.2 s? How must the first bar move for a vertex to be at a target then?
+A sheet of rubber is stretched by a tenth between two level bars and let go. How stiff is it, by where its vertices are
+in the next 0.2 s? How must the first bar move for a vertex to be at a target then?
 """
 
 import numpy as np
@@ -35,7 +35,7 @@ def swing(stiffness: torch.Tensor, velocity: torch.Tensor) -> torch.Tensor:
     for frame in range(1, FRAMES + 1):
         places = X.flatten(2)[..., SCENE.handles].mT + frame * SCENE.frame_dt * velocities
         drives.append(Controls(**vars(HOLD) | {"handle_positions": places, "handle_velocities": velocities}))
-    return torch.cat([x for x, _ in rollout(CELL, SCENE, sheets, X, V, START, drives, SUBSTEPS, recompute=False)])
+    return torch.cat([x for x, _ in rollout(CELL, SCENE, sheets, X, V, START, drives, SUBSTEPS)])
 
 
 def identify(factor: float = 2.0, steps: int = 8) -> float:
@@ -57,7 +57,7 @@ def identify(factor: float = 2.0, steps: int = 8) -> float:
 
 
 def shoot(target: torch.Tensor, steps: int = 3) -> tuple[torch.Tensor, float]:
-    """The first bar's velocity [m/s] by Newton's method for vertex 2, 2 to end at ``target``, and what it misses [m]."""
+    """The first bar's velocity [m/s] for vertex 2, 2 to end at ``target``, by Newton's method; what it misses [m]."""
     velocity, stiffness = X.new_zeros(3), X.new_tensor(STIFFNESS)
 
     def miss(velocity: torch.Tensor) -> torch.Tensor:

@@ -34,7 +34,7 @@ def usual(batch: int) -> dict[str, torch.Tensor]:
     return {name: torch.tensor(value, dtype=torch.float64).repeat(batch, 1) for name, value in USUAL.items()}
 
 
-def end(given: Mapping[str, torch.Tensor], *, cell: SheetCell | None = None, recompute: bool = True) -> torch.Tensor:
+def end(given: Mapping[str, torch.Tensor], *, cell: SheetCell | None = None, recompute: bool = False) -> torch.Tensor:
     """Positions of sheets that a ball hits from below, in the wind, two corners on their way, after ten frames."""
     batch = len(given["ball"])
     c, r = np.meshgrid(np.arange(5) * 0.1, np.arange(5) * 0.1)

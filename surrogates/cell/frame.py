@@ -96,8 +96,8 @@ def frame(
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
     """``x`` and ``v`` after a frame of ``substeps``, as ``laws.step``: slow forces are held for ``hold`` of them.
 
-    ``start`` is for its bodies, ``forces`` are plugged in [N] in every substep. Fields of ``start`` and ``controls`` may
-    be tensors, to which gradients then flow.
+    ``start`` is for its bodies, ``forces`` are plugged in [N] in every substep. Fields of ``start`` and ``controls``
+    may be tensors, to which gradients then flow.
     """
 
     def tensor(a: np.ndarray | Tensor) -> Tensor:

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 from torch import Tensor
 from torch.utils.checkpoint import checkpoint
@@ -15,19 +14,18 @@ from surrogates.cell.sheet import Force, SheetCell
 
 def rollout(
     cell: SheetCell, scene: Scene, sheets: Mapping[str, Tensor], x: Tensor, v: Tensor, start: State,
-    drives: Sequence[Controls], substeps: int, hold: int = 1, forces: Sequence[Force] = (), *, recompute: bool = True,
+    drives: Sequence[Controls], substeps: int, hold: int = 1, forces: Sequence[Force] = (), *, recompute: bool = False,
 ) -> list[tuple[Tensor, Tensor]]:  # fmt: skip
     """Positions and velocities ``(B, 3, H, W)`` after each of the frames that ``drives`` drive.
 
     Arguments are those of ``frame``. Gradients reach ``cell.numbers``, ``sheets``, ``x``, ``v``, and bodies, handles,
-    wind and pressure that are tensors. On the way back each frame is computed once more, so that what is kept is one
-    frame's, however many there are; ``recompute=False`` keeps that of all frames.
+    wind and pressure that are tensors. ``recompute`` keeps what gradients need of one frame only, however many there
+    are, and computes each once more on the way back: for large batches (docs/networks.md has what that costs).
     """
     found = list[tuple[Tensor, Tensor]]()
     for controls in drives:
-        given = {"start": start, "controls": controls, "substeps": substeps, "hold": hold, "forces": forces}
-        one = partial(frame, cell, scene, sheets, **given)
-        x, v = checkpoint(one, x, v, use_reentrant=False) if recompute else one(x, v)
+        given = cell, scene, sheets, x, v, start, controls, substeps, hold, forces
+        x, v = checkpoint(frame, *given, use_reentrant=False) if recompute else frame(*given)
         found.append((x, v))
         start = replace(start, colliders=controls.colliders, collider_velocities=controls.collider_velocities)
     return found
