@@ -52,15 +52,15 @@ def cnn(
         num_envs: members of the batch. threads: over them, of the compiled engine.
         dtype: ``"float32"`` or ``"float64"``.
         weights: a checkpoint's name; default ``"cnn_particles"`` or ``"cnn_<scene>"``.
-        engine: ``"compiled"``, or ``"torch"``, for ``forces`` and devices; gradients flow through ``surrogates.cell.rollout``.
+        engine: ``"compiled"``, or ``"torch"``, through which gradients flow.
         device: ``"cpu"``, or ``"cuda"``: a sheet's compiled engine is then one kernel a frame for thousands of cloths,
             without self-contact, and its state lies on the card (``"emulated"`` runs that kernel thread by thread on
             this processor, slowly, to test it); ``engine="torch"`` computes on any device of torch's.
         forces: plugged in to the torch engine, ``f(positions, velocities) -> (B, 3, H, W)`` [N] in tensors.
 
     Raises:
-        ValueError: a bad argument, weights that there are not, plugged-in forces without ``engine="torch"``, or a
-            device that can't be used.
+        ValueError: a bad argument, weights that there are not, plugged-in forces without ``engine="torch"``, or a device
+            that can't be used.
         ImportError: what a device needs is missing; the extra that brings it is named.
     """
     one_of("engine", engine, ENGINES)
