@@ -52,7 +52,7 @@ def cnn(
         num_envs: members of the batch. threads: over them, of the compiled engine.
         dtype: ``"float32"`` or ``"float64"``.
         weights: a checkpoint's name; default ``"cnn_particles"`` or ``"cnn_<scene>"``.
-        engine: ``"compiled"``, or ``"torch"``, through which gradients flow.
+        engine: ``"compiled"``, or ``"torch"``, whose frames as tensors are ``surrogates.cell.rollout``'s.
         device: ``"cpu"``, or ``"cuda"``: a sheet's compiled engine is then one kernel a frame for thousands of cloths,
             without self-contact, and its state lies on the card (``"emulated"`` runs that kernel thread by thread on
             this processor, slowly, to test it); ``engine="torch"`` computes on any device of torch's.
