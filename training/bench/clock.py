@@ -13,7 +13,7 @@ from training.bench.participants import Participant
 from training.rollouts import replay
 from training.rows import rounded
 
-RUNS, SLOW_RUNS = 21, 7  # timed, after one that warms up; of a participant that is SLOW
+RUNS, SLOW_RUNS = 21, 5  # timed, after one that warms up; of a participant that is SLOW
 RUN_MS, LEAST, MOST = 15.0, 3, 400  # ms that a run is to last; frames in it at least and at most
 SLOW, TOO_SLOW = 50.0, 1000.0  # ms a frame
 BUSY = 0.95  # of a frame's wall clock that one thread computes; below, others had the processor

@@ -32,22 +32,19 @@ class Curve:
 CURVES = {
     "explicit": Curve("explicit, full grid", "#0072B2", "o"),
     "admm": Curve("P-ADMM, 1-100 iterations", "#009E73", "D"),
-    "admm substeps": Curve("P-ADMM, 2-16 substeps", "#009E73", "d", "--"),
-    "implicit": Curve("implicit Euler, by tolerance", "#56B4E9", "v"),
-    "implicit substeps": Curve("implicit SDIRK2, 1-4 substeps", "#56B4E9", ">", "--"),
+    "admm substeps": Curve("P-ADMM, 4 and 16 substeps", "#009E73", "d", "--"),
+    "implicit": Curve("implicit Euler", "#56B4E9", "v"),
+    "implicit substeps": Curve("implicit SDIRK2, 4 substeps", "#56B4E9", ">", "--"),
     "miniature seed": Curve("miniature, seed scaling", "#CC79A7", "s"),
     "miniature similar": Curve("miniature, similar (coarse + bicubic)", "#E69F00", "^"),
+    "miniature rule": Curve("miniature, rule (tension field)", "#777777", "X"),
     "miniature calibrated": Curve("miniature, calibrated", "#D55E00", "P"),
-    "calibrated ridge": Curve("calibrated, ridge upscaler", "#D55E00", "1", ":"),
-    "calibrated local": Curve("calibrated, local network", "#D55E00", "*", "--"),
-    "miniature closure": Curve("miniature, closure", "#000000", "p"),
-    "miniature": Curve("miniature, as it comes", "#000000", "*", "--"),
+    "miniature closure": Curve("closure, bicubic", "#000000", "p"),
+    "closure ridge": Curve("closure, ridge upscaler", "#000000", "1", ":"),
+    "miniature": Curve("miniature, as it comes (closure, network)", "#000000", "*", "--"),
     "closure learned": Curve("closure, learned correction", "#D81B60", "P", "--"),
     "cnn": Curve("physics-embedded CNN, full grid", "#4B0082", "h", ring=True),
-    "calibrated + offset": Curve("calibrated + constant offset", "#D55E00", "+", ":"),
-    "similar + offset": Curve("similar + constant offset", "#E69F00", "+", ":"),
     "coarse bilinear": Curve("coarse + bilinear", "#8a6d1f", "1", ":"),
-    "coarse biquadratic": Curve("coarse + biquadratic", "#8a6d1f", "2", ":"),
 }
 ORDER = [curve.name for curve in CURVES.values()]
 STEM, ERROR = "speed_accuracy", "mean vertex error [% of length]"
@@ -68,7 +65,7 @@ def _curve(axes: Any, curve: Curve, rows: Sequence[SpeedAccuracyRow]) -> Any:
     x, y = [r.ms_median for r in rows], [r.error for r in rows]
     small = curve.line == ":"
     look: dict[str, Any] = {"color": curve.color, "ls": curve.line, "lw": 0.8 if small else 1.3}
-    edge = curve.color if curve.marker in "+12" else "white"
+    edge = curve.color if curve.marker == "1" else "white"
     dot: dict[str, Any] = {"marker": curve.marker, "ms": 4 if small else 5.5, "mec": edge, "mew": 0.7}
     if curve.ring:
         dot |= {"ms": 9.5, "mfc": "none", "mec": curve.color, "mew": 1.3}
@@ -99,7 +96,7 @@ def panel(axes: Any, rows: Sequence[SpeedAccuracyRow]) -> dict[str, Any]:
             handles[curve.name] = _curve(axes, curve, mine)
     floor = max([r.floor for r in rows])
     values = [r.error for r in rows if r.family in looks or r.family in LINES]
-    oracle = [r for r in rows if r.family == ORACLE and '"bicubic"' in r.options]
+    oracle = [r for r in rows if r.family == ORACLE]
     low = min([*values, *(r.error for r in oracle)])
     bottom, top = limits(low, max(values), 0.06)
     axes.set_ylim(bottom, top)
