@@ -208,7 +208,7 @@ def test_quick_run_end_to_end_and_again(tmp_path: Path, capsys: pytest.CaptureFi
     frozen, repeated = (at[name, "{}", 5].error for name in (f"{__name__}:Frozen", "repeat last frame"))
     assert frozen == pytest.approx(repeated, rel=1e-5)  # rounded to single precision and to five digits
     cost_rows = read_rows(out / "speed_accuracy_cost.csv", CostRow)
-    assert {(row.batch, row.threads) for row in cost_rows} == {(1, 1)}
+    assert len(cost_rows) == len(at) // 4 - 3  # all but the oracle's two and the chaos floor
     # Nothing is measured twice; the charts come from the rows alone.
     for name in ("speed_accuracy", "speed_accuracy_flag"):
         assert ElementTree.parse(images / f"{name}.svg").getroot().tag.endswith("svg")

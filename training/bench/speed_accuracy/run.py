@@ -103,7 +103,7 @@ def times(session: Session) -> None:
             p
             for p in whole.participants
             if p.family != ORACLE
-            if (name, *shape, p.family, p.text, 1, 1) not in timed or (name, p.family, p.text) in whole.again
+            if (name, *shape, p.family, p.text) not in timed or (name, p.family, p.text) in whole.again
         ]
         if missing:
             timed.add(*costs(missing, windows, runs=whole.runs, run_ms=RUN_MS * whole.budget / BUDGET))
@@ -153,7 +153,7 @@ BENCHMARK = Benchmark(
         STEM: RowFile(SpeedAccuracyRow),
         SPEEDUP: RowFile(SpeedUpRow),
         WINDOWS: RowFile(ErrorRow, ERROR_KEY),
-        COST: RowFile(CostRow, ("scene", "rows", "cols", "family", "options", "batch", "threads")),
+        COST: RowFile(CostRow, ("scene", "rows", "cols", "family", "options")),
         FALLS: RowFile(GateRow, ERROR_KEY),
     },
     parts=[
