@@ -138,6 +138,18 @@ def test_code_that_changes_meanwhile_is_told(
     assert "the code became revision now meanwhile" in capsys.readouterr().out
 
 
+def test_a_piece_is_charged_what_it_computes_and_not_what_it_waits(tmp_path: Path) -> None:
+    """Sleep is not counted, a child's work is, and how a process ended is told."""
+    busy = "from time import process_time\nwhile process_time() < 0.6: pass"
+    child = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {busy!r}]); sys.exit(3)"
+    with (tmp_path / "log").open("w") as log:
+        slept = everything.taken([sys.executable, "-c", "import time; time.sleep(1.0)"], log)
+        worked = everything.taken([sys.executable, "-c", child], log)
+    assert slept[0] == 0
+    assert slept[1] < 0.6 <= worked[1]
+    assert worked[0] == 3
+
+
 def test_every_usual_benchmark_is_divided_into_what_it_takes() -> None:
     """Each piece is a command line that its benchmark reads."""
     for name in everything.USUAL:
