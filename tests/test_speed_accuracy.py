@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 from xml.etree import ElementTree
 
 import numpy as np
@@ -125,6 +125,26 @@ def test_an_unstable_method_is_reported(windows: Windows, episodes: Windows) -> 
     for refused in (replace(EXPLICIT, options={"substeps": 1}), REFUSING):
         assert "use at least" in errors(refused, windows, horizons=(1,))[0].failure
         assert "use at least" in costs([refused], windows)[0].failure
+
+
+class Noting(Frozen):
+    """It tells where it was started."""
+
+    starts: ClassVar[list[bytes]] = []
+
+    def reset(self, state: State, materials: None = None) -> None:
+        super().reset(state)
+        Noting.starts.append(state.positions.tobytes())
+
+
+def test_times_are_of_all_windows_in_turn(windows: Windows) -> None:
+    """All starts of a seed first; frames of crumpled cloth take longer than those of a flat one."""
+    participant = Participant("Noting", f"{__name__}:Noting")
+    (row,) = costs([participant], windows, runs=4, run_ms=0)
+    every = [windows.truth[0].select([i]).positions.tobytes() for i in (0, 2, 1, 3)]
+    assert windows.starts == (2, 2, 5, 5)
+    assert list(dict.fromkeys(Noting.starts[2:])) == every  # after it was built and warmed up
+    assert row.runs == 4
 
 
 def test_the_floor_is_what_a_nudge_does(episodes: Windows) -> None:

@@ -13,7 +13,7 @@ from training.bench.participants import Participant
 from training.rollouts import replay
 from training.rows import rounded
 
-RUNS, SLOW_RUNS = 21, 5  # timed, after one that warms up; of a participant that is SLOW
+RUNS, SLOW_RUNS = 30, 5  # timed, after one that warms up; of a participant that is SLOW
 RUN_MS, LEAST, MOST = 15.0, 3, 400  # ms that a run is to last; frames in it at least and at most
 SLOW, TOO_SLOW = 50.0, 1000.0  # ms a frame
 BUSY = 0.95  # of a frame's wall clock that one thread computes; below, others had the processor
@@ -21,8 +21,8 @@ BUSY = 0.95  # of a frame's wall clock that one thread computes; below, others h
 
 @dataclass(frozen=True)
 class CostRow:
-    """Wall clock of a simulated frame of one cloth [ms]: median and quartiles over ``runs``, the best, and the medians
-    of the coarse step and of the upscaling to positions and velocities.
+    """Wall clock of a simulated frame of one cloth [ms]: median and quartiles over ``runs``, which take turns at the
+    windows, the best, and the medians of the coarse step and of the upscaling to positions and velocities.
 
     One thread computes. Frames in which another program had the processor are left out. Of ``disturbed`` runs, which
     had no others, the thread's own time counts: what the clock of an idle machine would show.
@@ -61,14 +61,16 @@ def timed(backend: Backend, start: State, controls: Sequence[Controls], count: i
 def costs(
     participants: Sequence[Participant], windows: Windows, *, runs: int = RUNS, run_ms: float = RUN_MS
 ) -> list[CostRow]:
-    """Time ``participants`` in turn, so that a busy moment of the machine hits all alike; the too slow for a frame."""
-    scene = windows.scene
-    start = windows.truth[0].select([0])
-    controls = [Controls(**{n: a[:1] for n, a in vars(c).items()}) for c in windows.controls]
-    backends = [built(participant, scene, start) for participant in participants]
+    """Time ``participants`` in turn, so that a busy moment of the machine hits all alike; the too slow for a frame.
+
+    Runs take turns at the windows too, all starts of a seed first: crumpled cloth takes longer.
+    """
+    scene, order = windows.scene, np.argsort(windows.seeds, kind="stable")
+    backends = [built(participant, scene, windows.truth[0].select([0])) for participant in participants]
     times: list[list[np.ndarray]] = [[] for _ in participants]
     disturbed, count = [0] * len(participants), [0] * len(participants)
     for run in range(runs + 1):  # the first warms up
+        start, controls = windows.one(order[(run - 1) % len(order)])
         for i, backend in enumerate(backends):
             ms = times[i][0][0] if times[i] else 0.0
             if isinstance(backend, str) or ms > TOO_SLOW or (ms > SLOW and run > SLOW_RUNS):
