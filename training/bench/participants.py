@@ -133,7 +133,6 @@ STABILITY = [
     _one("miniature calibrated", "mini \u00d74 calibrated", factor=4),
     *(_one("miniature", f"mini \u00d7{n}", factor=n) for n in (2, 3, 4)),
     _one("miniature", "mini \u00d74 unguarded", factor=4, guard=False),
-    _one("closure learned", "mini \u00d74 learned", factor=4),
     _one("cnn", "cnn"),
 ]
 # What an agent may train on.
