@@ -13,6 +13,7 @@ import pytest
 
 from training.bench import benchmark, everything
 from training.bench.benchmark import BENCHMARKS, Benchmark, find
+from training.bench.children import Children
 from training.rows import read_rows
 
 TOY = """
@@ -170,6 +171,19 @@ def test_code_that_changes_meanwhile_is_told(
     monkeypatch.setattr(everything, "revision", lambda: "older")
     assert everything.main(["--out", str(tmp_path / "out"), "--only", "toy", "--jobs", "1"]) == 1
     assert "the code became revision now meanwhile" in capsys.readouterr().out
+
+
+def test_a_piece_is_charged_what_it_computes_and_not_what_it_waits(tmp_path: Path) -> None:
+    """Sleep is not counted, a child's work is, and how a process ended is told."""
+    busy = "from time import process_time\nwhile process_time() < 0.6: pass"
+    child = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {busy!r}]); sys.exit(3)"
+    with (tmp_path / "log").open("w") as log:
+        children = Children()
+        slept = everything.taken(children.start([sys.executable, "-c", "import time; time.sleep(1.0)"], log))
+        worked = everything.taken(children.start([sys.executable, "-c", child], log))
+    assert slept[0] == 0
+    assert slept[1] < 0.6 <= worked[1]
+    assert worked[0] == 3
 
 
 def test_every_usual_benchmark_is_divided_into_what_it_takes() -> None:

@@ -24,6 +24,7 @@ BASELINES = [
     row("admm", 2.0, 1.6, options='{"iterations": 1}'),
     row("admm", 9.0, 0.4, options='{"iterations": 9}'),  # slower and less close than explicit: not on the front
     row("miniature similar", 1.0, 0.4, options='{"factor": 2}'),
+    row("miniature rule", 0.75, 0.4, options='{"factor": 2}'),
     row("miniature calibrated", 0.5, 0.4, options='{"factor": 4}', gate=2 * GATE),
 ]
 METHOD = row("miniature", 0.25, 0.4, options='{"factor": 4}')
@@ -35,9 +36,10 @@ def test_speedups_by_hand() -> None:
     # 1.6, so the line between explicit and admm is at sqrt(8 * 2) = 4 ms.
     assert (found["solvers"].beside, found["solvers"].speedup) == ("explicit", 32)
     assert found["solvers"].interpolated == pytest.approx(16)
-    # The similar miniature is exactly as close.
-    for name in ("coarser grids", "fitted springs"):  # the calibrated one fails the gate
-        assert (found[name].beside, found[name].speedup) == ("miniature similar x2", 4)
+    # The similar miniature is exactly as close, and so is, in less time, the tension field of the rule.
+    assert (found["coarser grids"].beside, found["coarser grids"].speedup) == ("miniature similar x2", 4)
+    for name in ("tension field", "fitted springs"):  # the calibrated one fails the gate
+        assert (found[name].beside, found[name].speedup) == ("miniature rule x2", 3)
     assert "miniature x4" in table(list(found.values()))
 
 
@@ -51,7 +53,7 @@ def test_a_method_that_fails_the_gate_meets_baselines_that_do() -> None:
 def test_limits() -> None:
     # A baseline is not compared with itself; one closer than all has no speed-up; below the chaos floor all are equal.
     found = [f for f in speedups([*BASELINES, METHOD]) if f.family == "miniature calibrated"]
-    assert [f.baselines for f in found] == ["solvers", "coarser grids"]
+    assert [f.baselines for f in found] == ["solvers", "coarser grids", "tension field"]
     (closest,) = (
         f for f in speedups([*BASELINES, row("cnn", 4.0, 0.01)]) if (f.family, f.baselines) == ("cnn", "solvers")
     )

@@ -10,8 +10,7 @@ from cloth_envs.material import Material
 from cloth_envs.registry import make_backend
 from cloth_envs.resample import resample, weights
 from cloth_envs.scene import Scene
-from cloth_envs.state import Cloth, Controls, LazyState, State
-from surrogates.miniature.backend import MiniatureBackend
+from cloth_envs.state import Controls, State
 from surrogates.miniature.coarse import CLOTH, CoarsePhysics, coarse_grid
 from surrogates.miniature.upscaled import Upscaled
 from surrogates.upscale.protocol import INTERPOLATIONS, Interpolation
@@ -40,14 +39,11 @@ class Extrapolation:
 
 
 class Oracle:
-    """The exact coarse cloth, upscaled: what interpolation alone loses. ``truth`` is that of every frame."""
+    """The exact coarse cloth, bicubic: what interpolation alone loses. ``truth`` is that of every frame."""
 
-    def __init__(
-        self, scene: Scene, *, num_envs: int = 1, truth: Sequence[State] = (), factor: float = 2,
-        upscaler: str = "bicubic",
-    ) -> None:  # fmt: skip
+    def __init__(self, scene: Scene, *, num_envs: int = 1, truth: Sequence[State] = (), factor: float = 2) -> None:
         self._truth, self._grids = truth, (scene.grid, coarse_grid(scene.grid, factor))
-        self._up = weights(self._grids[1], scene.grid, INTERPOLATIONS[upscaler])
+        self._up = weights(self._grids[1], scene.grid, INTERPOLATIONS["bicubic"])
 
     def reset(self, state: State, materials: Sequence[Material] | None = None) -> None:
         self._frame = 0
@@ -57,29 +53,6 @@ class Oracle:
         now, (rows, cols) = self._truth[self._frame], self._up
         cloth = {name: rows @ resample(getattr(now, name), *self._grids) @ cols.T for name in CLOTH}
         return _moved(now, controls, cloth)
-
-
-class Offset:
-    """A miniature plus what its upscaled start lacked: the fine detail of the start stays for ever."""
-
-    def __init__(self, scene: Scene, *, num_envs: int = 1, factor: int = 2, scaling: str = "similar") -> None:
-        self.scene = scene
-        self._miniature = MiniatureBackend(scene, num_envs=num_envs, factor=factor, scaling=scaling, upscaler="bicubic")
-
-    def reset(self, state: State, materials: Sequence[Material] | None = None) -> None:
-        """Start from ``state``; what the coarse cloth lacks of it is kept as ``lack``."""
-        self._miniature.reset(state, materials)
-        coarse, self.lack = self._miniature.coarse, {}
-        for name in CLOTH:
-            lack = getattr(state, name) - resample(getattr(coarse.state, name), coarse.scene.grid, self.scene.grid)
-            lack.reshape(*lack.shape[:2], -1)[..., list(self.scene.handles)] = 0.0
-            self.lack[name] = lack.astype(np.float32)
-
-    def advance(self, controls: Controls) -> State:
-        """A frame later; the fine cloth is computed when it is read."""
-        state = self._miniature.advance(controls)
-        x, v = (self.lack[name] for name in CLOTH)
-        return LazyState(self._miniature.coarse.state, lambda: Cloth(state.positions + x, state.velocities + v))
 
 
 def fractional(

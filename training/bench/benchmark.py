@@ -238,7 +238,12 @@ def saved(benchmark: Benchmark, folder: Path) -> dict[str, list[Any]]:
 def setup(about: Mapping[str, Any]) -> str:
     """Where and how rows were measured, for the top of a table and the foot of a chart."""
     threads = about.get("threads", 1)
-    parts = [about["processor"], f"{threads} thread{'s' * (threads > 1)}", about.get("engines")]
+    parts = [
+        about["processor"],
+        about.get("instruction_set"),
+        f"{threads} thread{'s' * (threads > 1)}",
+        about.get("engines"),
+    ]
     return ", ".join(filter(None, [*parts, "QUICK: a trial run, not for citing" if about["quick"] else ""]))
 
 

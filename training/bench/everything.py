@@ -9,6 +9,7 @@ import argparse
 import json
 import os
 import shutil
+import subprocess
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -25,9 +26,9 @@ from training.bench.benchmark import BENCHMARKS, Benchmark, check_header, check_
 from training.bench.children import Children
 from training.rows import Store, read_names
 
-# All but those of kernels, of solvers, of single sheets, of other programs, of other papers and of a million steps, and
-# the one whose table ``backend="auto"`` reads: it is made first, and is code of the others.
-APART = ("throughput", "convergence", "folds", "peers", "tables", "endurance", "choices")
+# All but those of kernels, of cards, of solvers, of single sheets, of other programs, of other papers and of a million
+# steps, and the one whose table ``backend="auto"`` reads: it is made first, and is code of the others.
+APART = ("throughput", "convergence", "folds", "peers", "tables", "endurance", "choices", "gpu")
 USUAL = [name for name in BENCHMARKS if name not in APART]
 RECORD, PARTS, TIMES = "all.json", "parts", ("--times-only",)
 RUN = "import sys; from training.bench.benchmark import find; sys.exit(find(sys.argv[1]).main(sys.argv[2:]))"
@@ -51,8 +52,17 @@ def parts(benchmark: Benchmark) -> list[Piece]:
     return [Piece(benchmark.name, words) for words in benchmark.pieces or [("--scenes", s) for s in benchmark.scenes]]
 
 
+def taken(process: "subprocess.Popen[bytes]") -> tuple[int, float]:
+    """How a process ends, and its seconds of the processor; those of the processes that it started are among them."""
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    return process.returncode, round(usage.ru_utime + usage.ru_stime, 1)
+
+
 class Everything:
-    """One call: the folder, its record of what is done ``{piece: seconds}``, and what failed ``{piece: why}``."""
+    """One call: the folder, its record of what is done ``{piece: seconds of the processor}``, and what failed
+    ``{piece: why}``.
+    """
 
     def __init__(self, given: argparse.Namespace) -> None:
         self.given, self.out = given, check_folder(given.out)
@@ -81,20 +91,17 @@ class Everything:
             (self.out / name).unlink(missing_ok=True)
 
     def run(self, piece: Piece, folder: Path) -> tuple[Piece, float, str]:
-        """Do a piece into ``folder``, in a process of one thread that writes into a log; its seconds and why it failed.
-
-        One that is done takes none.
-        """
+        """Do a piece into ``folder``, unless it is done; its seconds of the processor, and why it failed."""
         if piece.name in self.done:
             return piece, self.done[piece.name], ""
         given, log = self.given, self.out / PARTS / f"{piece.name}.txt"
         words = [*piece.options, "--out", str(folder), *(["--quick"] if given.quick else [])]
         words += ["--cache", str(given.cache)] if given.cache else []
         words += ["--images", str(given.images)] if given.images and folder == self.out else []
-        command, begin = [sys.executable, "-c", RUN, piece.benchmark, *words], perf_counter()
         with log.open("w") as file:
-            ended = self.children.start(command, file).wait()
-        why, seconds = "", round(perf_counter() - begin, 1)
+            command = [sys.executable, "-c", RUN, piece.benchmark, *words]
+            ended, seconds = taken(self.children.start(command, file))
+        why = ""
         if ended:
             said = log.read_text(errors="replace").strip().splitlines()
             why = said[-1] if said else f"it ended with {ended}"
@@ -158,11 +165,13 @@ class Everything:
         write_text(self.out / RECORD, json.dumps(about, indent=2) + "\n")
 
     def summary(self, seconds: float) -> str:
-        """What ran and how long, and what failed."""
+        """What ran and its seconds of the processor, and what failed."""
         lines = [f"{name:44s}{self.done[name]:8.0f} s" for name in self.done]
         lines += [f"{name:44s}  failed: {why}" for name, why in self.failed.items()]
         logs = f"; logs in {self.out / PARTS}, the same command goes on" if self.failed else ""
-        return "\n".join([*lines, f"{len(self.done)} done in {seconds / 60:.0f} min, {len(self.failed)} failed{logs}"])
+        busy = f"{sum(self.done.values()) / 60:.0f} min of the processor in all"
+        ended = f"{len(self.done)} done, {busy}, {len(self.failed)} failed{logs}; this call took {seconds / 60:.0f} min"
+        return "\n".join([*lines, ended])
 
 
 def main(argv: Sequence[str]) -> int:

@@ -47,11 +47,15 @@ class Windows:
         """Pairs of crossing triangles at the end of every stretch, ``(B,)``."""
         return crossing_triangles(self.scene.grid, self.truth[-1].positions)
 
+    def one(self, index: int) -> tuple[State, list[Controls]]:
+        """Start and controls of one of the batch."""
+        return self.truth[0].select([index]), [controls.select([index]) for controls in self.controls]
+
     def first(self, count: int) -> "Windows":
         """The first ``count`` of the batch."""
         if count >= len(self.seeds):
             return self
-        controls = [Controls(**{n: a[:count] for n, a in vars(c).items()}) for c in self.controls]
+        controls = [controls.select(slice(count)) for controls in self.controls]
         truth = [state.select(slice(count)) for state in self.truth]
         return replace(self, seeds=self.seeds[:count], starts=self.starts[:count], controls=controls, truth=truth)
 

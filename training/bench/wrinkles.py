@@ -134,7 +134,7 @@ def times(session: Session) -> None:
     participants, timed = [*WRINKLES, *extra(session.given.backend)], session.store(COST)
     seeds, until = SEEDS[: 2 if session.quick else len(SEEDS)], STARTS[0] + max(AHEAD)
     for scene in progress(session.scenes, "times", unit="scene", name=str):
-        if all((scene, p.family, p.text, 1, 1) in timed for p in participants):
+        if all((scene, p.family, p.text) in timed for p in participants):
             continue
         world = World(scene, num_envs=len(seeds))
         truth = watch(world, seeded_actions(world, seeds, ACTIONS[:1], until), seeds, STARTS[:1])
@@ -192,7 +192,7 @@ BENCHMARK = Benchmark(
     about="Strains, wrinkles and ends of the cloth that miniatures draw, beside the reference's, under all actions.",
     files={
         STEM: RowFile(WrinkleRow, ("scene", "backend", "options", "actions")),
-        COST: RowFile(CostRow, ("scene", "family", "options", "batch", "threads")),
+        COST: RowFile(CostRow, ("scene", "family", "options")),
     },
     parts=[
         Part("The drawn cloth beside the reference's, over all actions", (STEM,), table),

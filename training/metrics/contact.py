@@ -35,6 +35,10 @@ def tunnelled(scene: Scene, states: Sequence[State]) -> np.ndarray:
                 g0, g1 = (dot(c[:, 1][:, :, None], x - c[:, 0][:, :, None]) for c, x in ((c0, x0), (c1, x1)))
                 count += ((g0 > 0) & (g1 < 0)).sum((1, 2))
                 continue
+            start = np.linalg.norm(x0 - on_axis(c0, axis_parameter(c0, x0)), axis=1)
+            way = np.linalg.norm(x1 - x0, axis=1) + np.linalg.norm(c1 - c0, axis=-1).max(1)[:, None]
+            if (start - way).min() >= body.radius / 2:  # none can come as near
+                continue
             gaps = []
             for s in np.linspace(0, 1, SAMPLES):
                 x, ends = x0 + s * (x1 - x0), c0 + s * (c1 - c0)

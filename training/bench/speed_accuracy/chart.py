@@ -16,6 +16,7 @@ YELLOW = "#f6e8b1"
 OTHERS = ("#8b1a1a", "#5f7a00", "#4d4d4d", "#00868b")  # of what is not among CURVES
 MOST = 120.0  # % of the length; what is farther off is not drawn
 OVERVIEW_FRAMES = 5
+TICKS = [first * 10.0**power for power in range(-3, 4) for first in (1, 2, 5)]  # ms
 
 
 @dataclass(frozen=True)
@@ -32,32 +33,28 @@ class Curve:
 CURVES = {
     "explicit": Curve("explicit, full grid", "#0072B2", "o"),
     "admm": Curve("P-ADMM, 1-100 iterations", "#009E73", "D"),
-    "admm substeps": Curve("P-ADMM, 2-16 substeps", "#009E73", "d", "--"),
-    "implicit": Curve("implicit Euler, by tolerance", "#56B4E9", "v"),
-    "implicit substeps": Curve("implicit SDIRK2, 1-4 substeps", "#56B4E9", ">", "--"),
+    "admm substeps": Curve("P-ADMM, 4 and 16 substeps", "#009E73", "d", "--"),
     "miniature seed": Curve("miniature, seed scaling", "#CC79A7", "s"),
     "miniature similar": Curve("miniature, similar (coarse + bicubic)", "#E69F00", "^"),
+    "miniature rule": Curve("miniature, rule (tension field)", "#777777", "X"),
     "miniature calibrated": Curve("miniature, calibrated", "#D55E00", "P"),
-    "calibrated ridge": Curve("calibrated, ridge upscaler", "#D55E00", "1", ":"),
-    "calibrated local": Curve("calibrated, local network", "#D55E00", "*", "--"),
-    "miniature closure": Curve("miniature, closure", "#000000", "p"),
-    "miniature": Curve("miniature, as it comes", "#000000", "*", "--"),
+    "miniature closure": Curve("closure, bicubic", "#000000", "p"),
+    "closure ridge": Curve("closure, ridge upscaler", "#000000", "1", ":"),
+    "miniature": Curve("miniature, as it comes (closure, network)", "#000000", "*", "--"),
     "closure learned": Curve("closure, learned correction", "#D81B60", "P", "--"),
     "cnn": Curve("physics-embedded CNN, full grid", "#4B0082", "h", ring=True),
-    "calibrated + offset": Curve("calibrated + constant offset", "#D55E00", "+", ":"),
-    "similar + offset": Curve("similar + constant offset", "#E69F00", "+", ":"),
     "coarse bilinear": Curve("coarse + bilinear", "#8a6d1f", "1", ":"),
-    "coarse biquadratic": Curve("coarse + biquadratic", "#8a6d1f", "2", ":"),
 }
 ORDER = [curve.name for curve in CURVES.values()]
 STEM, ERROR = "speed_accuracy", "mean vertex error [% of length]"
 LINES = {"repeat last frame": "last frame again", "constant velocity": "constant velocity"}
-LABELLED = ("miniature similar",)  # whose points tell their grid factor
+LABELLED = "miniature"  # whose points tell their grid factor
+BEYOND = ("implicit", "implicit substeps")  # far to the right of all others, in docs/solvers.md
 
 
 def curves(rows: Sequence[SpeedAccuracyRow]) -> dict[str, Curve]:
     """``CURVES``, and one for every family that is not among them: what ``--backend`` named."""
-    others = dict.fromkeys(r.family for r in rows if r.family not in (*CURVES, *LINES, ORACLE, FLOOR))
+    others = dict.fromkeys(r.family for r in rows if r.family not in (*CURVES, *LINES, *BEYOND, ORACLE, FLOOR))
     return CURVES | {name: Curve(name, OTHERS[i % len(OTHERS)], "<", "-.") for i, name in enumerate(others)}
 
 
@@ -68,7 +65,7 @@ def _curve(axes: Any, curve: Curve, rows: Sequence[SpeedAccuracyRow]) -> Any:
     x, y = [r.ms_median for r in rows], [r.error for r in rows]
     small = curve.line == ":"
     look: dict[str, Any] = {"color": curve.color, "ls": curve.line, "lw": 0.8 if small else 1.3}
-    edge = curve.color if curve.marker in "+12" else "white"
+    edge = curve.color if curve.marker == "1" else "white"
     dot: dict[str, Any] = {"marker": curve.marker, "ms": 4 if small else 5.5, "mec": edge, "mew": 0.7}
     if curve.ring:
         dot |= {"ms": 9.5, "mfc": "none", "mec": curve.color, "mew": 1.3}
@@ -99,12 +96,13 @@ def panel(axes: Any, rows: Sequence[SpeedAccuracyRow]) -> dict[str, Any]:
             handles[curve.name] = _curve(axes, curve, mine)
     floor = max([r.floor for r in rows])
     values = [r.error for r in rows if r.family in looks or r.family in LINES]
-    oracle = [r for r in rows if r.family == ORACLE and '"bicubic"' in r.options]
+    oracle = [r for r in rows if r.family == ORACLE]
     low = min([*values, *(r.error for r in oracle)])
     bottom, top = limits(low, max(values), 0.06)
     axes.set_ylim(bottom, top)
     left, right = limits(min(r.ms_median for r in shown), max(r.ms_median for r in shown), 0.07)
     axes.set_xlim(left, right)
+    axes.set_xticks([tick for tick in TICKS if left <= tick <= right])
     if floor > bottom:
         axes.axhspan(bottom, floor, color=SHADE, alpha=0.5, lw=0, zorder=1)
     if floor > 0:
@@ -134,18 +132,18 @@ def _beside(axes: Any, rows: Sequence[SpeedAccuracyRow], oracle: Sequence[SpeedA
             axes.axhline(r.error, color=SOFT, ls=(0, (1, 2)), lw=0.9, zorder=2)
             off, va = (1.5, "bottom") if r.error == highest else (-2, "top")
             tell(LINES[r.family], (right, r.error), (-2, off), "right", va, SOFT)
-        if r.family in LABELLED and np.isfinite(r.ms_median):
-            tell(f"\u00d7{factor_of(r.options):g}", (r.ms_median, r.error), (0, 5), "center", "bottom")
+        if r.family == LABELLED and np.isfinite(r.ms_median):
+            tell(f"\u00d7{factor_of(r.options):g}", (r.ms_median, r.error), (-3, -4), "right", "top")
     for r in oracle:
         axes.plot([left, left * (right / left) ** 0.045], [r.error] * 2, color=INK, lw=1.4, zorder=4, clip_on=False)
         tell(f"\u00d7{factor_of(r.options):g}", (left * (right / left) ** 0.05, r.error), (1, 0), "left", "center")
 
 
 NOTE = (
-    "Lower left is better. Yellow: the front. Bars: quartiles of the time. Hollow: the mean height is off by over 5 % "
-    "of its way. Cross: some windows failed, mean of the others. \u00d72: grid factor. Ticks at the left edge: the "
-    "exact coarse cloth, bicubic: what interpolation alone loses. Grey: below the chaos floor, errors mean nothing. "
-    "Hexagon: the CNN, to the bit the reference inside."
+    "Lower left is better; implicit solvers, over 60 ms a frame, are not shown. Yellow: the front. Bars: quartiles of "
+    "the time. Hollow: the mean height is off by over 5 % of its way. Cross: some windows failed, mean of the others. "
+    "\u00d72: grid factor. Ticks at the left edge: the exact coarse cloth, bicubic: what interpolation alone loses. "
+    "Grey: below the chaos floor, errors mean nothing. Hexagon: the CNN, to the bit the reference inside."
 )
 
 

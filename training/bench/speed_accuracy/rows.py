@@ -123,7 +123,7 @@ def summaries(scores: Sequence[ErrorRow], costs: Sequence[CostRow], gated: Seque
         groups.setdefault((s.scene, s.family, s.options, s.frames), []).append(s)
     errors = {key: mean([s.error_mean for s in mine]) for key, mine in groups.items()}
     bases = {(s, factor_of(o), h): e for (s, f, o, h), e in errors.items() if f == BASELINE}
-    times = {(c.scene, c.family, c.options): c for c in costs if c.batch == 1}
+    times = {(c.scene, c.family, c.options): c for c in costs}
     out = []
     for (scene, family, options, frames), mine in groups.items():
         time = times.get((scene, family, options))

@@ -17,7 +17,7 @@ from cloth_envs.registry import SCENES
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.clock import RUN_MS, RUNS, SLOW, TOO_SLOW, CostRow, costs
 from training.bench.measure import ERROR_KEY, HORIZONS, ErrorRow, Windows, errors, gather
-from training.bench.participants import FAMILIES, FLOOR, ORACLE, THREADED, Participant, extra, swept, truth
+from training.bench.participants import FAMILIES, FLOOR, ORACLE, Participant, extra, swept, truth
 from training.bench.speed_accuracy.chart import OVERVIEW_FRAMES, STEM, draw
 from training.bench.speed_accuracy.rows import GateRow, SpeedAccuracyRow, gate_frames, gates, summaries, table
 from training.bench.speed_accuracy.speedup import SpeedUpRow, speedups
@@ -31,7 +31,6 @@ TRUTH = "fine"  # finer than G1: explicit at a quarter of its step would be comp
 # Seconds for one method's windows of a scene, and for its falls. Slower ones do less: at least one of both; the rows
 # say how many.
 BUDGET, QUICK_BUDGET = 8.0, 0.4
-BATCH = 16
 WINDOWS, COST, FALLS, SPEEDUP = (f"{STEM}_{name}" for name in ("windows", "cost", "gate", "speedup"))
 
 
@@ -100,17 +99,14 @@ def times(session: Session) -> None:
     for cases in progress(whole.cases, "times", unit="scene", name=lambda one: one[0].scene):
         windows = whole.windows(cases, session.cache("truth"))
         name, shape = windows.scene.name, windows.scene.grid.shape
-        for batch, threads in ((1, 1), (BATCH, 1), (BATCH, 2)):
-            missing = [
-                p
-                for p in whole.participants
-                if p.family != ORACLE and (batch == 1 or p.family in THREADED)
-                if (name, *shape, p.family, p.text, batch, threads) not in timed
-                or (name, p.family, p.text) in whole.again
-            ]
-            if missing:
-                count, run_ms = whole.runs if batch == 1 else 3, RUN_MS * whole.budget / BUDGET
-                timed.add(*costs(missing, windows, batch=batch, threads=threads, runs=count, run_ms=run_ms))
+        missing = [
+            p
+            for p in whole.participants
+            if p.family != ORACLE
+            if (name, *shape, p.family, p.text) not in timed or (name, p.family, p.text) in whole.again
+        ]
+        if missing:
+            timed.add(*costs(missing, windows, runs=whole.runs, run_ms=RUN_MS * whole.budget / BUDGET))
 
 
 def measure(session: Session) -> None:
@@ -129,7 +125,7 @@ def score(session: Session, whole: Scope, cases: Sequence[Case]) -> None:
     windows = whole.windows(cases, cache)
     falls = gather(cases, (0,), gate_frames(windows.scene), range(whole.last + 1), cache)
     scored, gated, name, shape = session.store(WINDOWS), session.store(FALLS), cases[0].scene, windows.scene.grid.shape
-    taken = {(c.family, c.options): c.ms_median for c in session.store(COST).rows if (c.scene, c.batch) == (name, 1)}
+    taken = {(c.family, c.options): c.ms_median for c in session.store(COST).rows if c.scene == name}
     for participant in progress([truth(TRUTH), *whole.participants], name, unit="method", name=lambda p: p.label):
         own, floor = (participant.family, participant.text), participant.family == FLOOR
         ms, again = taken.get(own, float("nan")), (name, *own) in whole.again
@@ -157,7 +153,7 @@ BENCHMARK = Benchmark(
         STEM: RowFile(SpeedAccuracyRow),
         SPEEDUP: RowFile(SpeedUpRow),
         WINDOWS: RowFile(ErrorRow, ERROR_KEY),
-        COST: RowFile(CostRow, ("scene", "rows", "cols", "family", "options", "batch", "threads")),
+        COST: RowFile(CostRow, ("scene", "rows", "cols", "family", "options")),
         FALLS: RowFile(GateRow, ERROR_KEY),
     },
     parts=[

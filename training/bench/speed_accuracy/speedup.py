@@ -17,14 +17,17 @@ from training.rows import rounded
 
 FRAMES = (5, 10)
 SOLVERS = ("explicit", "admm", "admm substeps", "implicit", "implicit substeps")
-COARSE = ("coarse bilinear", "coarse biquadratic", "miniature seed", "miniature similar", "similar + offset")
-FITTED = ("miniature calibrated", "calibrated + offset")
+COARSE = ("coarse bilinear", "miniature seed", "miniature similar")
+RULE = ("miniature rule",)
+FITTED = ("miniature calibrated",)
 # What a method is compared with -> families; each takes in those before.
-BASELINES = {"solvers": SOLVERS, "coarser grids": SOLVERS + COARSE, "fitted springs": SOLVERS + COARSE + FITTED}
-METHODS = (
-    *("miniature calibrated", "calibrated ridge", "calibrated local", "miniature closure", "miniature"),
-    *("closure learned", "cnn"),
-)
+BASELINES = {
+    "solvers": SOLVERS,
+    "coarser grids": SOLVERS + COARSE,
+    "tension field": SOLVERS + COARSE + RULE,
+    "fitted springs": SOLVERS + COARSE + RULE + FITTED,
+}
+METHODS = (*RULE, *FITTED, "miniature closure", "closure ridge", "miniature", "closure learned", "cnn")
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from training.bench.stability.runs import TRUTH, run, score, truths
 from training.bench.stability.worlds import AXES, DURATION, Base
 from training.rows import read_names, rounded
 
-SEEDS, QUICK_SEEDS = (300, 301, 302), (300,)  # held out: the miniature was calibrated on 100..103
+SEEDS, QUICK_SEEDS = (300, 301), (300,)  # held out: the miniature was calibrated on 100..103
 QUICK = 2  # grids are so many times coarser
 World = tuple[str, float, str, int]  # axis, level, scene and seed
 
