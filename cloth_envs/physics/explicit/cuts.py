@@ -20,9 +20,7 @@ class FrameCuts:
         ValueError: one that is no whole number over zero.
     """
 
-    def __init__(
-        self, scene: Scene, *, substeps: int | None = None, refine: int = 1, held: int | None = None
-    ) -> None:
+    def __init__(self, scene: Scene, *, substeps: int | None = None, refine: int = 1, held: int | None = None) -> None:
         self._scene = scene
         self._refine = whole_number("refine", refine)
         self._held = None if held is None else whole_number("held", held)

@@ -57,7 +57,9 @@ def plan(rows: int, cols: int, memory: int, most_memory: int) -> Plan:
     strips = [s for s in range(1, rows + 1) if threads(s) <= MOST_THREADS] or [rows]
     if rows * cols <= SMALL:
         strip = min(strips, key=lambda s: (threads(s) * s / (rows * cols) + 0.05 * (s - 1), s))
-        return Plan(strip, threads(strip), max(1, REGISTERS // ((72 if threads(strip) <= 128 else 96) * threads(strip))))
+        return Plan(
+            strip, threads(strip), max(1, REGISTERS // ((72 if threads(strip) <= 128 else 96) * threads(strip)))
+        )
     blocks, most = (2, 256) if 2 * memory <= most_memory else (1, 384)
     some = [s for s in strips if s <= LONGEST] or strips[:1]
     strip = next((s for s in some if threads(s) <= most), some[-1])
