@@ -156,9 +156,8 @@ class Skirt(Task):
     def controls(self, episode: Episode) -> Controls:
         turn, rate, height, rising = self.apart(episode)
         xp = array_namespace(turn)
-        moved, speeds = self.drive(
-            *(xp.stack(pair, axis=1) for pair in ((turn, height), (rate, rising))), episode.action
-        )
+        place, pace = xp.stack([turn, height], axis=1), xp.stack([rate, rising], axis=1)
+        moved, speeds = self.drive(place, pace, episode.action)
         turn, height, rate, rising = turn + moved[:, 0], height + moved[:, 1], speeds[:, 0], speeds[:, 1]
         joints, speed = self._danced(episode, self.frame_dt)
         before, now, after = (
