@@ -50,6 +50,13 @@ def test_forces_plug_into_the_cell() -> None:
     assert slowed == pytest.approx(1.33, abs=0.15)
 
 
+def test_gradients_go_through_ten_frames() -> None:
+    said = run_example("cnn_gradient")
+    # The solver's steps are longer than the cell's here: half a percent.
+    assert float(re.search(r"on: ([\d.]+) N/m", said)[1]) == pytest.approx(20, rel=0.01)
+    assert float(re.search(r"by ([\d.]+) mm", said)[1]) < 0.01  # Newton's method doubles its digits in every step
+
+
 def test_an_upscaler_goes_on_top_of_the_cell() -> None:
     # Coarse physics errs by about as much: 4 to 9 mm on a curtain after five frames (docs/surrogates.md).
     assert float(re.search(r"([\d.]+) mm off", run_example("cnn_upscaler"))[1]) < 15

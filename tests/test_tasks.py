@@ -267,3 +267,26 @@ def test_flag_shows_its_area_to_an_onlooker() -> None:
     assert world.task.reward(world.episode)[0] == pytest.approx(np.sin(angle), rel=1e-5)
     state.positions[0, 1] = 0.75 - np.abs(u - 0.75)
     assert world.task.reward(world.episode)[0] < 1e-6
+
+
+@scenes
+def test_a_task_reads_what_it_watches_only(scene: str) -> None:
+    """Vertices that a device does not compute for it: nothing depends on them."""
+    world = make_world(scene, 2)
+    for _ in range(3):
+        world.step(world.action_space.sample()[None].repeat(2, 0))
+    task, episode = world.task, world.episode
+    assert task.watched is not None
+    assert set(task.keypoints) <= set(task.watched)
+
+    def read() -> list[np.ndarray]:
+        controls = vars(task.controls(episode)).values()
+        return [np.array(part) for part in (*controls, task.reward(episode), world.observe())]
+
+    whole = read()
+    episode.state = episode.state.copy()
+    for field in (episode.state.positions, episode.state.velocities):
+        flat = field.reshape(2, 3, -1)
+        flat[..., np.setdiff1d(np.arange(flat.shape[2]), task.watched)] = np.nan
+    for before, after in zip(whole, read(), strict=True):
+        np.testing.assert_array_equal(before, after)

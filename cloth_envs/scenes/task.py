@@ -93,7 +93,7 @@ class Task(ABC):
         self.led = bool((self.leads != self.handles).any())  # whether one moves with another
 
     def watch(self, *more: np.ndarray | int) -> None:
-        """Say that the task reads keypoints, handles and ``more`` vertices only; of classes from outside that is open."""
+        """Say that the task reads keypoints, handles and ``more`` vertices only; what others read nobody knows."""
         if type(self).__module__.split(".")[0] == __name__.split(".")[0]:
             parts = self.keypoints, self.handles, *map(np.atleast_1d, more)
             self.watched = np.unique(np.concatenate(parts)).astype(np.int64)

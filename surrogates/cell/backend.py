@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cloth_envs.arguments import one_of
-from cloth_envs.extras import missing
+from cloth_envs.extras import install, missing
 from cloth_envs.physics.particles.solver import ParticleSolver
 from cloth_envs.scene import Scene
 from surrogates.cell.compiled import SHEET, CellNet, CellSheet, dimensional
@@ -52,15 +52,15 @@ def cnn(
         num_envs: members of the batch. threads: over them, of the compiled engine.
         dtype: ``"float32"`` or ``"float64"``.
         weights: a checkpoint's name; default ``"cnn_particles"`` or ``"cnn_<scene>"``.
-        engine: ``"compiled"``, or ``"torch"``, through which gradients flow.
+        engine: ``"compiled"``, or ``"torch"``, whose frames as tensors are ``surrogates.cell.rollout``'s.
         device: ``"cpu"``, or ``"cuda"``: a sheet's compiled engine is then one kernel a frame for thousands of cloths,
             without self-contact, and its state lies on the card (``"emulated"`` runs that kernel thread by thread on
             this processor, slowly, to test it); ``engine="torch"`` computes on any device of torch's.
         forces: plugged in to the torch engine, ``f(positions, velocities) -> (B, 3, H, W)`` [N] in tensors.
 
     Raises:
-        ValueError: a bad argument, weights that there are not, plugged-in forces without ``engine="torch"``, or a device
-            that can't be used.
+        ValueError: a bad argument, weights that there are not, plugged-in forces without ``engine="torch"``, or a
+            device that can't be used.
         ImportError: what a device needs is missing; the extra that brings it is named.
     """
     one_of("engine", engine, ENGINES)
@@ -108,5 +108,8 @@ def _on_card(scene: Scene, arrays: Mapping[str, np.ndarray], *, dtype: str, **op
     if options["device"] == EMULATED:
         options["device"] = "cpu"
     else:
-        usable(options["device"])
+        try:
+            usable(options["device"])
+        except ValueError as error:
+            raise ValueError(f"{error}; a card needs {install('gpu')}") from error
     return CellCard(scene, factors_of(arrays), **options)

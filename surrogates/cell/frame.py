@@ -139,18 +139,19 @@ def frame(
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
     """``x`` and ``v`` after a frame of ``substeps``, as ``laws.step``: slow forces are held for ``hold`` of them.
 
-    ``start`` is for its bodies, ``forces`` are plugged in [N] in every substep.
+    ``start`` is for its bodies, ``forces`` are plugged in [N] in every substep. Fields of ``start`` and ``controls``
+    may be tensors, to which gradients then flow.
     """
 
-    def tensor(a: np.ndarray) -> Tensor:
-        return torch.as_tensor(np.ascontiguousarray(a), dtype=x.dtype, device=x.device)
+    def tensor(a: np.ndarray | Tensor) -> Tensor:
+        return torch.as_tensor(a, dtype=x.dtype, device=x.device)
 
     dt, held, shape = scene.frame_dt, list(scene.handles), x.shape
     h = dt / substeps
     drag, part, past, slow = sheets["drag"], kicks(substeps).tolist(), v, torch.zeros_like(x)
     wind, pressure = tensor(controls.wind), tensor(controls.pressure)
     index = torch.tensor(held, dtype=torch.int64, device=x.device)
-    ends = [tensor(a.transpose(0, 2, 1)) for a in (controls.handle_positions, controls.handle_velocities)]
+    ends = [tensor(a).mT for a in (controls.handle_positions, controls.handle_velocities)]
     now = [a.flatten(2)[..., held].transpose(1, 2) for a in (x, v)]
     starts: list[Tensor] = handle_starts(scene, *now, ends[0].transpose(1, 2))  # type: ignore[arg-type, assignment, call-arg]
     handles = [*(a.transpose(1, 2) for a in starts), *ends]
@@ -159,6 +160,7 @@ def frame(
     rate = soft * (sheets["stretch_stiffness"] / sheets["areal_density"])[..., 0]
     bodies, *rest = (tensor(a) for part in (start, controls) for a in (part.colliders, part.collider_velocities))
     cubic = [bodies, *rest]
+    springs, bending, air = cell.fused(cell.springs), cell.fused(cell.bending), cell.fused(air_forces)
 
     def pulled(x: Tensor, v: Tensor, path: Tensor, time: float) -> Tensor:  # as laws.drives.pull_handles
         pull = time * rate * (path - x.flatten(2)[..., held])
@@ -168,10 +170,10 @@ def frame(
         if k % hold == 0:
             later, trend = foresight(k, hold, substeps)
             then, seen = x + later * h * v, v + trend * (v - past)
-            past, slow = v, cell.bending(then, sheets)
+            past, slow = v, bending(then, sheets)
             if scene.air is not None or scene.pressure:
-                slow = slow + air_forces(scene, then, seen, wind, pressure)
-        force = cell.springs(x, v, sheets) + slow
+                slow = slow + air(scene, then, seen, wind, pressure)
+        force = springs(x, v, sheets) + slow
         for extra in forces:
             force = force + extra(x, v)
         time = h * part[k]

@@ -5,6 +5,7 @@ edge is evaluated once and acts on both ends, so momentum is kept exactly whatev
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ParamSpec
 
 import numpy as np
 import torch
@@ -17,6 +18,7 @@ from cloth_envs.scene import Scene
 from surrogates.cell.compiled import CLASSES
 
 TINY = 1e-30  # m^2 and m^2/s^2, under roots that would have no slope at 0
+P = ParamSpec("P")
 Force = Callable[[Tensor, Tensor], Tensor]  # positions, velocities -> forces, all (B, 3, H, W)
 # Of each class of edges, then of bending: rows and columns from the corner of a cell to its vertices.
 ENDS = ((0, 0), (0, 1)), ((0, 0), (1, 0)), ((0, 0), (1, 1)), ((0, 1), (1, 0))
@@ -76,6 +78,19 @@ class SheetCell(nn.Module):
             share = torch.as_tensor(weight.reshape(np.subtract(grid.shape, np.max(places, 0))), dtype=dtype)
             self.register_buffer(f"share{k}", share, persistent=False)
         self.register_buffer("areas", torch.as_tensor(grid.areas, dtype=dtype), persistent=False)
+        self._fusing: dict[str, Any] | None = None
+
+    def fuse(self, **options: Any) -> None:
+        """From now on ``frame`` fuses what each law computes, by ``torch.compile`` with ``options``.
+
+        A law is compiled as it is first called, in tens of seconds, and then takes a fraction of its time
+        (docs/networks.md); results differ by rounding.
+        """
+        self._fusing = options
+
+    def fused(self, law: Callable[P, Tensor]) -> Callable[P, Tensor]:
+        """``law`` as ``fuse`` has it; as it is where that was not called."""
+        return law if self._fusing is None else torch.compile(law, **self._fusing)
 
     def forward(self, x: Tensor, v: Tensor, sheets: Mapping[str, Tensor]) -> Tensor:
         """Forces ``(B, 3, H, W)`` [N]."""

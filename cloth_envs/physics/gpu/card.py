@@ -37,7 +37,7 @@ class Emulated:
 
 
 class Plan(NamedTuple):
-    """How a block steps a cloth: vertices of a thread, below each other; threads; blocks that share a multiprocessor."""
+    """Vertices of a thread, one below the other; threads of a block; blocks that share a multiprocessor."""
 
     strip: int
     threads: int

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from cloth_envs.arguments import whole_number
+from cloth_envs.backend import Stateful
 from cloth_envs.material import Material
 from cloth_envs.physics.explicit.cuts import FrameCuts
 from cloth_envs.physics.gpu.card import Card, Emulated, Runner
@@ -19,7 +20,7 @@ from cloth_envs.state import Controls, State
 SINGLE = ("positions", "velocities", "colliders", "collider_velocities")  # float32; the others float64
 
 
-class CardSolver:
+class CardSolver(Stateful):
     """A batch of sheets of one scene on a card, by the steps of ``ExplicitSolver`` in float32, without self-contact.
 
     ``State`` and ``Controls`` hold tensors on ``device``. Frames of cloth that is faster or under more pressure than
@@ -70,7 +71,6 @@ class CardSolver:
             self._put(scene.holding.hold.astype(np.float64)),
         ]
         self._bodies = self._put(bodies_of(scene).view(np.uint8))
-        self._state: State | None = None
         self.runner: Runner | None = None
         self._cloths = cloths_of(scene, self._cutter, [self.felt_as(scene.material)] * self.num_envs)
         self._told = self._put(self._cloths.view(np.uint8))
@@ -78,12 +78,6 @@ class CardSolver:
 
     def _put(self, array: np.ndarray) -> Tensor:
         return torch.as_tensor(array).to(self.device)
-
-    @property
-    def state(self) -> State:
-        if self._state is None:
-            raise RuntimeError("there is no cloth yet: call reset(state) first")
-        return self._state
 
     @property
     def memory(self) -> dict[str, np.ndarray]:
@@ -117,7 +111,7 @@ class CardSolver:
         if not np.array_equal(self._cloths[members], cloths) or self.runner is None:
             self._cloths[members] = cloths
             self._told, self.runner = self._put(self._cloths.view(np.uint8)), self._choose()
-        given = self._tensors(state)
+        given: dict[str, Any] = self._tensors(state)
         if which is None:
             self._state = State(**given)
             return
@@ -144,11 +138,12 @@ class CardSolver:
         }
 
     def advance(self, controls: Controls) -> State:
-        old, given = self.state, self._tensors(controls)
+        old: Any = self.state
+        given: dict[str, Any] = self._tensors(controls)
         x, v = torch.empty_like(old.positions), torch.empty_like(old.velocities)
         health = torch.empty((self.num_envs, 3), dtype=torch.float32, device=self.device)
         self.last_cuts = torch.empty_like(self.last_cuts)
-        batch = (
+        batch: tuple[Tensor, ...] = (
             *(self._told, self._bodies, old.positions, old.velocities, x, v, old.colliders, old.collider_velocities),
             *(given[n] for n in ("colliders", "collider_velocities", "handle_positions", "handle_velocities")),
             *(given["wind"], given["pressure"], *self._constants, health, self.last_cuts),
@@ -156,7 +151,8 @@ class CardSolver:
         assert self.runner is not None
         self.runner.run([tensor.data_ptr() for tensor in batch], self.num_envs)
         bodies = (given["colliders"].float(), given["collider_velocities"].float())
-        new = State(x, v, *bodies, given["wind"], given["pressure"], old.time + self.scene.frame_dt)
+        there: Any = x, v, *bodies, given["wind"], given["pressure"], old.time + self.scene.frame_dt
+        new: Any = State(*there)
         new.health = health
         self._state = new
-        return new
+        return self.state

@@ -45,8 +45,8 @@ def bodies_of(scene: Scene) -> np.ndarray:
 
 def cloths_of(scene: Scene, cutter: FrameCuts, materials: Sequence[Material]) -> np.ndarray:
     """Cloths of some materials, an array of ``CLOTH``. Raises ValueError: one that can't be stepped."""
-    made = {m: _cloth(scene, cutter, m) for m in dict.fromkeys(materials)}
-    return np.array([made[m] for m in materials], CLOTH)
+    number = {m: k for k, m in enumerate(dict.fromkeys(materials))}
+    return np.array([_cloth(scene, cutter, m) for m in number], CLOTH)[[number[m] for m in materials]]
 
 
 def _cloth(scene: Scene, cutter: FrameCuts, m: Material) -> tuple[object, ...]:

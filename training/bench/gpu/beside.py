@@ -9,7 +9,6 @@ import torch
 from cloth_envs.failure import find
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.vector_env import ClothVectorEnv
-from cloth_envs.world import World
 from training.bench.gpu.measure import cores
 from training.bench.gpu.rows import EqualRow, SoundRow
 
@@ -29,14 +28,17 @@ def _name(device: Any) -> str:
 def equal(scene: str, device: str, members: int, *, seed: int, episode: int = EPISODE) -> EqualRow:
     """Frames of equal states by equal controls, then an episode by equal actions."""
     there: dict[str, Any] = {"backend": "cnn", "backend_kwargs": {"device": device}}
-    card = ClothVectorEnv(scene, num_envs=members, **there)
-    here = ClothVectorEnv(scene, num_envs=members, backend="cnn", self_contact=False, backend_kwargs={"threads": cores()})
+    card: Any = ClothVectorEnv(scene, num_envs=members, **there)
+    here: Any = ClothVectorEnv(
+        scene, num_envs=members, backend="cnn", self_contact=False, backend_kwargs={"threads": cores()}
+    )
     exact = ExplicitSolver(here.world.scene, num_envs=members, dtype="float64", threads=cores())
     actions = np.random.default_rng(seed).uniform(-1, 1, (episode, *card.action_space.shape)).astype(np.float32)
     for env in (card, here):
         env.reset(seed=seed)
     exact.reset(here.world.state)
-    alike, found, height = True, (np.nan,) * 4, here.world.scene.grid.height
+    found = (np.nan, np.nan, np.nan, np.nan)
+    alike, height = True, here.world.scene.grid.height
     energies: list[list[np.ndarray]] = [[], []]
     for frame, action in enumerate(actions, 1):
         ended = [env.step(action)[2] for env in (card, here)]
@@ -58,7 +60,7 @@ def equal(scene: str, device: str, members: int, *, seed: int, episode: int = EP
 
 def sound(scene: str, device: str, members: int, steps: int, *, seed: int) -> SoundRow:
     """At least ``steps`` of members by new random actions each step; what is observed must lie in its space."""
-    world = ClothVectorEnv(
+    world: Any = ClothVectorEnv(
         scene, num_envs=members, output="torch", autoreset_mode="NextStep", max_episode_steps=200, backend="cnn",
         backend_kwargs={"device": device},
     )  # fmt: skip
@@ -77,16 +79,3 @@ def sound(scene: str, device: str, members: int, steps: int, *, seed: int) -> So
         scene, _name(there), members, frames * members, ended["overstretch"], ended["energy"], ended["non-finite"],
         int(wrong),
     )  # fmt: skip
-
-
-def reward_of(world: World, act: Any, frames: int, seed: int) -> float:
-    """Mean reward a frame of a policy on a world, from seeds of its own; failed members earn nothing more."""
-    from gymnasium.utils.seeding import np_random
-
-    world.reset({i: np_random(seed + i)[0] for i in range(world.num_envs)})
-    alive, total = np.ones(world.num_envs), 0.0
-    for _ in range(frames):
-        rewards, reasons = world.step(act(world.observe()))
-        alive *= np.array([reason is None for reason in reasons])
-        total += float((np.asarray(rewards) * alive).mean()) / frames
-    return total

@@ -10,8 +10,8 @@ from training.bench.gpu.rows import GpuRow, LearnRow
 
 STEM = "gpu"
 NOTE = (
-    "Steps of members a second by random actions, observations and rewards included; dashed: all threads of the processor "
-    "beside the card, in the same call."
+    "Steps of members a second by random actions, observations and rewards included; dashed: all threads of the "
+    "processor beside the card, in the same call."
 )
 
 

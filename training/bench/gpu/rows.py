@@ -39,8 +39,8 @@ class EqualRow:
     """A card's frames beside the processor's in float32, from equal states by equal actions, over the cloth's length.
 
     Attributes:
-        rms, largest: distance of vertices after ``frames`` [% of length]. chaos, chaos_largest: those of the processor's
-            own float32 from its float64. failures_alike: whether the same members failed.
+        rms, largest: distance of vertices after ``frames`` [% of length]. chaos, chaos_largest: those of the
+            processor's own float32 from its float64. failures_alike: whether the same members failed.
         energy: kinetic energy over the processor's, mean of all members of an episode of ``episode`` frames; beside it
             what two halves of the processor's members differ by (``energy_floor``).
     """

@@ -25,19 +25,22 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
   const std::vector<Moving<T>>* const moving = kPart == Part::kBodies ? &moving_bodies(bodies, p) : nullptr;
 
   // What edges to d pull with, over d; e are the same of y.
-  const auto edges = [&](const V3<T>(&d)[4], const V3<T>(&e)[4], const Spring<T>* const(&springs)[4], V<T>(&p)[4])
-                         __attribute__((always_inline)) {
-                           if constexpr (kSimple) {
-                             for (int i = 0; i < 4; ++i) p[i] = e[i].x * e[i].x + tiny<T>;
-                             for (int i = 0; i < 4; ++i) p[i] += e[i].y * e[i].y;
-                             for (int i = 0; i < 4; ++i) p[i] += e[i].z * e[i].z;
-                             pull(p, springs);
-                           } else {
-                             for (int i = 0; i < 4; ++i) {
-                               p[i] = yielding_pull(d[i], e[i], springs[i]->k, springs[i]->length, yielding);
-                             }
-                           }
-                         };
+  using Ways = V3<T>[4];
+  using Springs = const Spring<T>* const[4];
+  using Four = V<T>[4];
+  const auto edges = [&](const Ways& d, const Ways& e, const Springs& springs, Four& p) __attribute__((always_inline)) {
+    if constexpr (kSimple) {
+      for (int i = 0; i < 4; ++i) p[i] = e[i].x * e[i].x + tiny<T>;
+      for (int i = 0; i < 4; ++i) p[i] += e[i].y * e[i].y;
+      for (int i = 0; i < 4; ++i) p[i] += e[i].z * e[i].z;
+      pull(p, springs);
+    } else {
+      for (int i = 0; i < 4; ++i) {
+        const Spring<T>& spring = *springs[i];
+        p[i] = yielding_pull(d[i], e[i], spring.k, spring.length, yielding);
+      }
+    }
+  };
   const auto move = [&](T* y, const V3<T>& x, const Pulls<T>& all, const V<T>& kick,
                         const V<T>& fall) __attribute__((always_inline)) {
     const V3<T> v = get<T>(y + to_v);

@@ -11,7 +11,7 @@ namespace {
 // A thread's own vertices: kStrip below each other in one column.
 template <int kStrip>
 struct Own {
-  int number, row, col, held;  // held: bit j is set where the j-th is a handle
+  int number, row, col, held;                // held: bit j is set where the j-th is a handle
   V3<float> x[kStrip] = {}, v[kStrip] = {};  // m, m/s
 };
 

@@ -65,7 +65,8 @@ void bind_card(nb::module_& m) {
           throw nb::value_error("strip must be 1 or 4");
       },
       nb::arg("sheet"), nb::arg("fields"), nb::arg("members"), nb::arg("strip"), nb::arg("backwards"),
-      "A frame as a card runs it: a CardSheet, and the addresses that a CardBatch holds. A thread has `strip` vertices; "
+      "A frame as a card runs it: a CardSheet, and the addresses that a CardBatch holds. A thread has `strip` "
+      "vertices; "
       "the threads take turns, the last first if `backwards`.");
 }
 

@@ -18,8 +18,9 @@ inline float middle(int first, int end, int count) {
 // The forces in the middle of the substeps from k on for which they are held, but for what `blow` adds. Velocities when
 // they were last computed wait where those of the frame's end will be.
 template <int kStrip>
-__attribute__((always_inline)) inline void slow_forces(const CardSheet& s, const Shared& shared, int k, const int (&cut)[2], float h, float* past,
-                        Block<kStrip>& block) {
+__attribute__((always_inline)) inline void slow_forces(const CardSheet& s, const Shared& shared, int k,
+                                                       const int (&cut)[2], float h, float* past,
+                                                       Block<kStrip>& block) {
   const int count = cut[0], held = cut[1];
   const float steps = middle(k, k + held < count + 1 ? k + held : count + 1, count), later = h * steps;
   const float since = k > held ? float(held) : float(held) - 0.5f, trend = k ? (steps + 0.5f) / since : 0.0f;
@@ -49,8 +50,8 @@ __attribute__((always_inline)) inline void get(const CardSheet& s, const CardBat
 }
 
 template <bool kSimple, int kStrip>
-__attribute__((always_inline)) inline void run(const CardSheet& s, const CardBatch& batch, int member, const int (&cut)[2], const Shared& shared,
-                Block<kStrip>& block) {
+__attribute__((always_inline)) inline void run(const CardSheet& s, const CardBatch& batch, int member,
+                                               const int (&cut)[2], const Shared& shared, Block<kStrip>& block) {
   const CardCloth& m = *shared.cloth;
   const int count = cut[0], held = cut[1];
   const double length = s.frame_dt / count;
@@ -105,7 +106,8 @@ __attribute__((always_inline)) inline void run(const CardSheet& s, const CardBat
 
 // From the batch's start to its end. A frame is stepped again where its end is found to need shorter steps.
 template <int kStrip>
-__attribute__((always_inline)) inline void frame(const CardSheet& s, const CardBatch& batch, int member, const Shared& shared, Block<kStrip>& block) {
+__attribute__((always_inline)) inline void frame(const CardSheet& s, const CardBatch& batch, int member,
+                                                 const Shared& shared, Block<kStrip>& block) {
   const CardCloth& m = *shared.cloth;
   const int n = s.rows * s.cols;
   const std::size_t first = std::size_t(3) * n * member;

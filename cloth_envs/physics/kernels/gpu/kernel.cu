@@ -7,8 +7,9 @@ extern "C" __global__ void __launch_bounds__(MINICLOTH_THREADS, MINICLOTH_BLOCKS
                     const int* lead, const double* hold, float* health, int* taken) {
   using namespace minicloth;
   constexpr CardSheet sheet = MINICLOTH_SHEET;
-  const CardBatch batch = {cloths,     bodies,   x,        v,    x_out,    v_out,     body_x,  body_v, body_x_end, body_v_end,
-                           handle_x,   handle_v, wind,     pressure, handle_of, handles, lead, hold,   health,     taken};
+  const CardBatch batch = {cloths,    bodies,     x,          v,        x_out,    v_out, body_x,
+                           body_v,    body_x_end, body_v_end, handle_x, handle_v, wind,  pressure,
+                           handle_of, handles,    lead,       hold,     health,   taken};
   extern __shared__ __align__(16) unsigned char memory[];
   const LANES::Shared shared(sheet, memory, x_out + std::size_t(3) * sheet.rows * sheet.cols * blockIdx.x);
   LANES::Own<MINICLOTH_STRIP> own;

@@ -77,11 +77,13 @@ struct Shared {
         weather(reinterpret_cast<Weather*>(cloth + 1)),
         handle_of(reinterpret_cast<unsigned char*>(weather + 1)) {}
   static std::size_t bytes(const CardSheet& s) {
-    return cells_of(s) * sizeof(Cell) + s.bodies * sizeof(Driven) +
-           3 * std::size_t(s.rows) * s.cols * sizeof(Pair) + slow_of(s) * sizeof(float) +
-           s.handles * sizeof(Held) + kMostSlots * sizeof(int) + kSums * sizeof(float) + 2 * sizeof(Kick) +
-           sizeof(CardCloth) + sizeof(Weather) + 
-           std::size_t(s.rows) * s.cols * (s.handles > 256 ? 2 : s.handles > 0 ? 1 : 0);
+    return cells_of(s) * sizeof(Cell) + s.bodies * sizeof(Driven) + 3 * std::size_t(s.rows) * s.cols * sizeof(Pair) +
+           slow_of(s) * sizeof(float) + s.handles * sizeof(Held) + kMostSlots * sizeof(int) + kSums * sizeof(float) +
+           2 * sizeof(Kick) + sizeof(CardCloth) + sizeof(Weather) +
+           std::size_t(s.rows) * s.cols *
+               (s.handles > 256 ? 2
+                : s.handles > 0 ? 1
+                                : 0);
   }
 
   Held& handle(const CardSheet& s, int vertex) const {

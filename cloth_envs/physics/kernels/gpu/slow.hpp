@@ -34,8 +34,7 @@ inline Cell on_cell(const CardSheet& s, const Weather& w, const Point& upper_lef
 // second differences along rows and columns and mixed ones of cells; and the cells of which they are the upper left
 // corner.
 template <int kStrip>
-__attribute__((always_inline)) inline void bend_strip(const CardSheet& s, const Shared& shared,
-                                                      Own<kStrip>& own) {
+__attribute__((always_inline)) inline void bend_strip(const CardSheet& s, const Shared& shared, Own<kStrip>& own) {
   const CardCloth& m = *shared.cloth;
   const Weather& w = *shared.weather;
   if (own.row >= s.rows) return;
@@ -110,7 +109,8 @@ __attribute__((always_inline)) inline void bend_strip(const CardSheet& s, const 
 template <int kStrip>
 __attribute__((always_inline)) inline void blow_strip(const CardSheet& s, const Shared& shared, Own<kStrip>& own) {
   const int n = s.rows * s.cols, c = own.col, cols = s.cols;
-  // The cells to the left and right of its column in a row; to the left of the first one lies none, as does in the last.
+  // The cells to the left and right of its column in a row; to the left of the first one lies none, as does in the
+  // last.
   const auto both = [&](int row) {
     const int i = row * cols + c, left = c > 0 ? i - 1 : row * cols + cols - 1;
     const Cell one = shared.cells[i], other = shared.cells[left];

@@ -43,7 +43,8 @@ __attribute__((always_inline)) inline Sound look(const CardSheet& s, const Share
     for_own(s, own, [&](int j, int i) __attribute__((always_inline)) { shared.put(s, i, own.x[j], own.v[j]); });
   });
   block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
-    const float over_row = float(1 / (s.row_length * s.row_length)), over_col = float(1 / (s.col_length * s.col_length));
+    const float over_row = float(1 / (s.row_length * s.row_length)),
+                over_col = float(1 / (s.col_length * s.col_length));
     float shear = 0, apart = 0, bad = 0, longest = 0, speed = 0;
     const auto most = [](float& found, float value) { found = value > found ? value : found; };
     for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
@@ -63,14 +64,15 @@ __attribute__((always_inline)) inline Sound look(const CardSheet& s, const Share
         most(longest, dot(d, d) * over_row), most(apart, dot(w, w));
       }
       if (r > 0 && r < s.rows - 1 && c > 0 && c < s.cols - 1)
-        most(shear, slant(at, field_a(s, shared, i - s.cols), field_a(s, shared, i + s.cols),
-                          field_a(s, shared, i - 1), field_a(s, shared, i + 1)));
+        most(shear, slant(at, field_a(s, shared, i - s.cols), field_a(s, shared, i + s.cols), field_a(s, shared, i - 1),
+                          field_a(s, shared, i + 1)));
     });
     largest(shared.slots + kShear, shear), largest(shared.slots + kApart, apart), largest(shared.slots + kBad, bad);
     largest(shared.slots + kStrain, longest), largest(shared.slots + kSpeed, speed);
   });
   const float shear = as_float(block.read(shared.slots + kShear)), apart = as_float(block.read(shared.slots + kApart));
-  const float strain = as_float(block.read(shared.slots + kStrain)), speed = as_float(block.read(shared.slots + kSpeed));
+  const float strain = as_float(block.read(shared.slots + kStrain)),
+              speed = as_float(block.read(shared.slots + kSpeed));
   const bool finite = block.read(shared.slots + kBad) == 0;
   return {finite, shear * float(0.25 / (s.row_length * s.col_length)), sqrtf(apart), sqrtf(strain) - 1, speed};
 }

@@ -1,4 +1,5 @@
-// What a graphics card is told of a batch: plain structures, laid out alike in C++, in CUDA and in NumPy (gpu/terms.py).
+// What a graphics card is told of a batch: plain structures, laid out alike in C++, in CUDA and in NumPy
+// (gpu/terms.py).
 #pragma once
 #include "../sheet/cubic.hpp"
 
@@ -43,7 +44,7 @@ struct CardBatch {
   const int *handle_of, *handles, *lead;  // of each vertex its handle or -1; the handles' vertices; what leads each
   const double* hold;                     // 1/m^2 of each handle along x, y, z, infinite if it is firm
   float* health;                          // (B, 3): all finite, largest structural strain, kinetic energy [J/kg]
-  int* taken;                             // (B, 2): the substeps of the frame, and of how many the slow forces were held
+  int* taken;  // (B, 2): the substeps of the frame, and of how many the slow forces were held
 };
 
 }  // namespace minicloth
