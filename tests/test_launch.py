@@ -101,7 +101,7 @@ def test_a_step_is_few_operations_of_which_two_flags_come_back(scene: str) -> No
         assert watched.sent == [("tolist", 2)]
         counts.append(watched.count)
     assert counts[0] == counts[1]
-    assert counts[0] < 160
+    assert counts[0] < (700 if scene == "Skirt" else 160)  # fifteen joints' splines, turned and made capsules of thrice
 
 
 def test_a_reset_in_a_step_sends_no_more_than_the_members_that_it_starts() -> None:

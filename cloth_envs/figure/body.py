@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.figure.skeleton import JOINTS
 from cloth_envs.scene import Collider
@@ -35,7 +36,7 @@ LIMBS = (
 )
 TWISTING = {"waist": "hips", "chest": "shoulders", "right thigh": "hips", "left thigh": "hips"}  # with whose axis
 FRICTION = 0.3
-ENDS = np.array([[JOINTS.index(limb.first), JOINTS.index(limb.second)] for limb in LIMBS])
+ENDS = np.array([[JOINTS.index(limb.first), JOINTS.index(limb.second)] for limb in LIMBS], np.int32)  # joints
 INSETS = np.array([limb.inset for limb in LIMBS])
 PELVIS, TORSO = JOINTS.index("pelvis"), JOINTS.index("torso")
 HIPS = JOINTS.index("right_thigh"), JOINTS.index("left_thigh")
@@ -56,20 +57,24 @@ def colliders() -> tuple[Collider, ...]:
     )
 
 
-def ends(joints: np.ndarray) -> np.ndarray:
-    """The capsules' ends ``(B, C, 2, 3)`` of joints ``(B, J, 3)``."""
-    at = joints[:, ENDS]
+def ends(joints: np.ndarray, limbs: np.ndarray, insets: np.ndarray) -> np.ndarray:
+    """The capsules' ends ``(B, C, 2, 3)`` of joints ``(B, J, 3)``; ``limbs``, ``insets``: ``ENDS``, ``INSETS``."""
+    at, xp = joints[:, limbs], array_namespace(joints)
     axis = at[:, :, 1] - at[:, :, 0]
-    length = np.linalg.norm(axis, axis=2, keepdims=True)
-    inset = INSETS[:, None] / np.where(length > 0, length, 1.0) * axis
-    return np.stack([at[:, :, 0] + inset, at[:, :, 1] - inset], 2)
+    length = xp.sqrt((axis * axis).sum(2))
+    inset = (insets / (length + (length == 0.0)))[:, :, None] * axis
+    return xp.stack([at[:, :, 0] + inset, at[:, :, 1] - inset], axis=2)
 
 
 def hips_frame(joints: np.ndarray) -> np.ndarray:
     """Axes of the hips of joints ``(B, J, 3)`` as rows ``(B, 3, 3)``: forwards, to the left hip, and up the spine."""
-    left = joints[:, HIPS[1]] - joints[:, HIPS[0]]
-    left /= np.linalg.norm(left, axis=1, keepdims=True)
+    xp = array_namespace(joints)
+    left = _unit(joints[:, HIPS[1]] - joints[:, HIPS[0]])
     spine = joints[:, TORSO] - joints[:, PELVIS]
-    up = spine - (spine * left).sum(1, keepdims=True) * left
-    up /= np.linalg.norm(up, axis=1, keepdims=True)
-    return np.stack([np.cross(left, up), left, up], 1)
+    up = _unit(spine - (spine * left).sum(1)[:, None] * left)
+    return xp.stack([xp.linalg.cross(left, up), left, up], axis=1)
+
+
+def _unit(lines: np.ndarray) -> np.ndarray:
+    """Lines ``(B, 3)`` of length 1."""
+    return lines / array_namespace(lines).sqrt((lines * lines).sum(1))[:, None]

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+from array_api_compat import array_namespace
 from scipy.interpolate import CubicSpline
 
 from cloth_envs.figure.skeleton import JOINTS
@@ -12,7 +13,7 @@ from cloth_envs.naming import unknown_name
 
 
 class Motion:
-    """Joint positions at any time: cubic splines through frames, of continuous acceleration.
+    """Joint positions at any time, in NumPy or in tensors: cubic splines through frames, of continuous acceleration.
 
     Args:
         positions: ``(F, J, 3)`` [m], z up, the joints in the order of ``JOINTS``.
@@ -21,15 +22,23 @@ class Motion:
     """
 
     def __init__(self, positions: np.ndarray, fps: float, *, loops: bool = False) -> None:
-        self.loops, self.duration = loops, (len(positions) - 1) / fps
+        self.fps, self.loops, self.duration = fps, loops, (len(positions) - 1) / fps
         times = np.arange(len(positions)) / fps
-        self._place = CubicSpline(times, np.asarray(positions, float), bc_type="periodic" if loops else "clamped")
-        self._speed = self._place.derivative()
+        ends = "periodic" if loops else "clamped"
+        self.pieces: np.ndarray = CubicSpline(times, np.asarray(positions, float), bc_type=ends).c
 
-    def at(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions [m] and velocities [m/s] ``(B, J, 3)`` at ``time`` ``(B,)`` [s]."""
-        time = time if self.loops else np.clip(time, 0.0, self.duration)
-        return self._place(time), self._speed(time)
+    def at(self, time: np.ndarray, pieces: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Positions [m] and velocities [m/s] ``(B, J, 3)`` at ``time`` ``(B,)`` [s].
+
+        For tensors ``pieces`` is the attribute ``(4, F - 1, J, 3)``, coefficients from the cubes' on, on their device.
+        """
+        pieces, xp = self.pieces if pieces is None else pieces, array_namespace(time)
+        count, frame = pieces.shape[1], time * self.fps
+        frame = frame - count * xp.floor(frame / count) if self.loops else frame.clip(0.0, count)
+        piece = xp.astype(frame, xp.int64).clip(0, count - 1)
+        a, b, c, d = (part[piece] for part in pieces)
+        s = ((frame - piece) / self.fps)[:, None, None]
+        return ((a * s + b) * s + c) * s + d, (3 * a * s + 2 * b) * s + c
 
 
 def read_motion(path: str | Path, name: str) -> Motion:

@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
+from array_api_compat import array_namespace
 
 from cloth_envs.figure import body
 from cloth_envs.figure.dance import dance, stand
@@ -13,7 +14,7 @@ from cloth_envs.material import FABRICS, Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.measures import columns, tolerance
-from cloth_envs.scenes.starts import ruffle
+from cloth_envs.scenes.starts import rotation, ruffle
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
 
@@ -21,12 +22,13 @@ PLEATS = 13
 WAIST, HIP = 0.15, 0.19  # m, mean radius of the waistband, and of the skirt from below the hips on
 RISE, FALL = 0.1, 0.12  # m, of the waistband above the pelvis, and from it down to where the skirt has its radius
 SETTLE, BLEND = 0.3, 1.3  # s, standing at first, then going over into the dance (the paper's 80 frames)
-SPIN, SPIN_UP = 6.0, 20.0  # rad/s at full action, rad/s^2
-LIFT, LIFT_SPEED, LIFT_UP = 0.1, 0.5, 5.0  # m, m/s, m/s^2
-TURNS = 1e6  # rad, no limit
+SPIN, RISING = 6.0, 0.5  # rad/s and m/s at full action
+ACCELERATION = 20.0  # rad/s^2 and m/s^2
+TURNS, LIFT = 1e6, 0.1  # rad, which is no limit, and m
 TARGET = (0.228, 0.248)  # m, of the hem's radius; 1.6 m around are 0.255 m
 MARGIN = 0.025  # m
 SHORT = 1e-3  # s, over which velocities are differences
+PELVIS = slice(body.PELVIS, body.PELVIS + 1)
 
 
 @documented
@@ -75,10 +77,18 @@ class Skirt(Task):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self.drive = Drive((-TURNS,), (TURNS,), speed=SPIN, acceleration=SPIN_UP, dt=self.frame_dt)
-        self.lift = Drive((-LIFT,), (LIFT,), speed=LIFT_SPEED, acceleration=LIFT_UP, dt=self.frame_dt)
-        self.band = np.append(ruffle(scene.grid, PLEATS, WAIST), np.full((1, scene.grid.cols), RISE), 0)
-        self.standing = stand()[0] - stand()[0, body.PELVIS]
+        high = (TURNS, LIFT)
+        self.drive = Drive(
+            [-most for most in high], high, speed=(SPIN, RISING), acceleration=ACCELERATION, dt=self.frame_dt
+        )
+        self.band = np.append(ruffle(scene.grid, PLEATS, WAIST), np.full((1, scene.grid.cols), RISE), 0).T.copy()
+        self.standing = stand() - stand()[:, PELVIS]
+        self.pieces, self.limbs, self.insets, self.up = (
+            self.motion.pieces,
+            body.ENDS,
+            body.INSETS,
+            np.array([0, 0, 1.0]),
+        )
         self.watch(np.arange(scene.grid.vertices - scene.grid.cols, scene.grid.vertices))
 
     @classmethod
@@ -93,29 +103,27 @@ class Skirt(Task):
 
     def joints(self, time: np.ndarray, begin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions [m] and velocities [m/s] ``(B, J, 3)`` at ``time`` of dances from ``begin`` on, ``(B,)`` [s]."""
-        danced, speed = self.motion.at(begin + self.tempo * np.maximum(time - SETTLE, 0.0))
-        speed = self.tempo * speed
-        at = np.clip((time - SETTLE) / BLEND, 0.0, 1.0)[:, None, None]
-        if (at == 1.0).all():
-            return danced, speed
-        first, _ = self.motion.at(begin)
-        upright = _turned(np.broadcast_to(self.standing, first.shape), _heading(first)) + first[:, [body.PELVIS]]
+        danced, speed = self.motion.at(begin + self.tempo * (time - SETTLE).clip(0.0), self.pieces)
+        first, _ = self.motion.at(begin, self.pieces)
+        standing = array_namespace(time).broadcast_to(self.standing, first.shape)
+        upright = _turned(standing, _heading(first)) + first[:, PELVIS]
+        at = ((time - SETTLE) / BLEND).clip(0.0, 1.0)[:, None, None]
         share, rate = at**3 * (10 - 15 * at + 6 * at * at), 30 * (at * (1 - at)) ** 2 / BLEND
-        return upright + share * (danced - upright), share * speed + rate * (danced - upright)
+        return upright + share * (danced - upright), share * self.tempo * speed + rate * (danced - upright)
 
     def posed(self, joints: np.ndarray, turn: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The waistband ``(B, W, 3)`` and the capsules ``(B, C, 2, 3)`` [m] of dancers who are turned and raised."""
-        middle = joints[:, [body.PELVIS]] * [1.0, 1.0, 0.0]
-        joints = _turned(joints - middle, turn) + middle + height[:, None, None] * [0.0, 0.0, 1.0]
-        band = joints[:, [body.PELVIS]] + self.band.T @ body.hips_frame(joints)
-        return band, body.ends(joints)
+        middle = joints[:, PELVIS] * (1.0 - self.up)
+        joints = _turned(joints - middle, turn) + middle + height[:, None, None] * self.up
+        band = joints[:, PELVIS] + self.band @ body.hips_frame(joints)
+        return band, body.ends(joints, self.limbs, self.insets)
 
     def start(self, rng: np.random.Generator) -> Start:
         begin = np.array([rng.uniform(0.0, self.motion.duration) if self.motion.loops else 0.0])
         turn = rng.uniform(-np.pi, np.pi, 1)
         joints, _ = self.joints(np.zeros(1), begin)
         hung = self.hung().reshape(1, 3, -1).transpose(0, 2, 1)
-        positions = _turned(hung, turn + _heading(joints)) + joints[:, [body.PELVIS]]
+        positions = _turned(hung, turn + _heading(joints)) + joints[:, PELVIS]
         positions = positions[0].T.reshape(3, *self.scene.grid.shape)
         _, bodies = self.posed(joints, turn, np.zeros(1))
         memory = {"begin": begin[0], "target": np.array(rng.uniform(*TARGET))}
@@ -134,21 +142,26 @@ class Skirt(Task):
 
     def apart(self, episode: Episode) -> tuple[np.ndarray, ...]:
         """By how much a dancer is turned [rad], how fast, raised [m] and how fast besides the dance, ``(B,)`` each."""
-        state = episode.state
-        hips = [field[:, 0].astype(float) for field in (state.colliders, state.collider_velocities)]
-        danced = [field[:, body.HIPS] for field in self.joints(state.time, episode.memory["begin"])]
+        state, xp = episode.state, array_namespace(episode.action)
+        hips = [xp.astype(field[:, 0], xp.float64) for field in (state.colliders, state.collider_velocities)]
+        danced = [xp.stack([field[:, i] for i in body.HIPS], axis=1) for field in self._danced(episode, 0.0)]
         (angle, rate), (own, own_rate) = (_angle(*(at[:, 1] - at[:, 0] for at in pair)) for pair in (hips, danced))
-        height, rising = ((mine - theirs)[..., 2].mean(1) for mine, theirs in zip(hips, danced, strict=True))
+        height, rising = ((mine - theirs)[:, :, 2].mean(1) for mine, theirs in zip(hips, danced, strict=True))
         return angle - own, rate - own_rate, height, rising
 
+    def _danced(self, episode: Episode, ahead: float) -> tuple[np.ndarray, np.ndarray]:
+        """``joints`` of the dance alone, ``ahead`` [s] from now."""
+        return self.joints(episode.state.time + ahead, episode.memory["begin"])
+
     def controls(self, episode: Episode) -> Controls:
-        turn, rate, height, rising = (part[:, None] for part in self.apart(episode))
-        turned, rate = self.drive(turn, rate, episode.action[:, :1])
-        raised, rising = self.lift(height, rising, episode.action[:, 1:])
-        turn, height = turn + turned, height + raised
-        joints, speed = self.joints(episode.state.time + self.frame_dt, episode.memory["begin"])
+        turn, rate, height, rising = self.apart(episode)
+        xp = array_namespace(turn)
+        place, pace = xp.stack([turn, height], axis=1), xp.stack([rate, rising], axis=1)
+        moved, speeds = self.drive(place, pace, episode.action)
+        turn, height, rate, rising = turn + moved[:, 0], height + moved[:, 1], speeds[:, 0], speeds[:, 1]
+        joints, speed = self._danced(episode, self.frame_dt)
         before, now, after = (
-            self.posed(joints + ahead * speed, (turn + ahead * rate)[:, 0], (height + ahead * rising)[:, 0])
+            self.posed(joints + ahead * speed, turn + ahead * rate, height + ahead * rising)
             for ahead in (-SHORT, 0.0, SHORT)
         )
         controls = self.hold(episode)
@@ -160,17 +173,16 @@ class Skirt(Task):
 
     def hem(self, episode: Episode) -> np.ndarray:
         """Mean level distance of the hem from the middle of the hips, ``(B,)`` [m]."""
-        middle = episode.state.colliders[:, 0].astype(float).mean(1)[:, :2, None]
-        away = episode.state.positions[:, :2, -1].astype(float) - middle
-        return np.sqrt(np.square(away).sum(1)).mean(1)
+        state, xp = episode.state, array_namespace(episode.action)
+        hem, hips = (xp.astype(part, xp.float64) for part in (state.positions[:, :2, -1], state.colliders[:, 0]))
+        return xp.sqrt(xp.square(hem - hips.mean(1)[:, :2, None]).sum(1)).mean(1)
 
     def observe(self, episode: Episode) -> np.ndarray:
-        state = episode.state
-        left = (state.colliders[:, 0, 1] - state.colliders[:, 0, 0])[:, :2].astype(float)
-        left /= np.linalg.norm(left, axis=1, keepdims=True) + 1e-9
-        _, rate, height, speed = self.apart(episode)
-        hips = state.colliders[:, 0].mean(1), state.collider_velocities[:, 0].mean(1)
-        return columns(*hips, left, rate, height, speed, self.hem(episode), episode.memory["target"])
+        hips, speed = episode.state.colliders[:, 0], episode.state.collider_velocities[:, 0]
+        left = (hips[:, 1] - hips[:, 0])[:, :2]
+        left = left / (array_namespace(left).sqrt((left * left).sum(1)) + 1e-9)[:, None]
+        apart = self.apart(episode)[1:]
+        return columns(hips.mean(1), speed.mean(1), left, *apart, self.hem(episode), episode.memory["target"])
 
     def reward(self, episode: Episode) -> np.ndarray:
         return tolerance(self.hem(episode) - episode.memory["target"], MARGIN)
@@ -178,18 +190,16 @@ class Skirt(Task):
 
 def _turned(points: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Points ``(B, N, 3)`` turned about the vertical by ``angle`` ``(B,)`` [rad]."""
-    cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
-    x, y, z = np.moveaxis(points, 2, 0)
-    return np.stack([cos * x - sin * y, sin * x + cos * y, z], 2)
+    return points @ rotation(-angle, 0, 1)
 
 
 def _heading(joints: np.ndarray) -> np.ndarray:
     """The angle from x to where the hips of ``joints`` ``(B, J, 3)`` face, ``(B,)`` [rad]."""
     forward = body.hips_frame(joints)[:, 0]
-    return np.arctan2(forward[:, 1], forward[:, 0])
+    return array_namespace(joints).atan2(forward[:, 1], forward[:, 0])
 
 
 def _angle(line: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The angle from x to level lines ``(B, 3)`` [rad], and the rate at which it grows as they change by ``speed``."""
-    square = np.square(line[:, :2]).sum(1) + 1e-12
-    return np.arctan2(line[:, 1], line[:, 0]), (line[:, 0] * speed[:, 1] - line[:, 1] * speed[:, 0]) / square
+    x, y = line[:, 0], line[:, 1]
+    return array_namespace(line).atan2(y, x), (x * speed[:, 1] - y * speed[:, 0]) / (x * x + y * y + 1e-12)
