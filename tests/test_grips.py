@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose
 from cloth_envs.grid import Grid
 from cloth_envs.grip import STIFFNESS, Grip, Holding, held
 from cloth_envs.material import Material
-from cloth_envs.physics.explicit.solver import ExplicitSolver, stable_step
+from cloth_envs.physics.explicit.bounds import stable_step
+from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.laws.step import step
 from cloth_envs.physics.solver import reference
 from cloth_envs.registry import load_task

@@ -186,7 +186,7 @@ def test_running_moments_are_those_of_all_rows() -> None:
     rows = np.random.default_rng(0).normal(3, 2, (40, 2))
     seen = ppo.Running(2)
     for part in np.split(rows, [7, 8, 30]):
-        seen.add(part)
+        seen.add(torch.as_tensor(part))
     np.testing.assert_allclose(seen.mean, rows.mean(0))
     np.testing.assert_allclose(seen.spread, rows.std(0), rtol=1e-6)
 
@@ -194,7 +194,7 @@ def test_running_moments_are_those_of_all_rows() -> None:
 class Follow:
     """A world without cloth: reward 1 less the distance of the action from what is observed."""
 
-    num_envs, frame = 16, 0
+    num_envs, frame, device = 16, 0, None
 
     def __init__(self) -> None:
         self.task, self.scene = SimpleNamespace(actions=["x"]), SimpleNamespace(frame_dt=0.04)
@@ -205,8 +205,11 @@ class Follow:
     def observe(self) -> np.ndarray:
         return self.wanted[:, None]
 
-    def step(self, actions: np.ndarray) -> tuple[np.ndarray, list[str | None]]:
-        return 1 - abs(actions[:, 0] - self.wanted), [None] * self.num_envs
+    def read(self, actions: np.ndarray) -> np.ndarray:
+        return actions
+
+    def advance(self, actions: np.ndarray) -> tuple[np.ndarray, dict[int, str]]:
+        return 1 - abs(actions[:, 0] - self.wanted), {}
 
 
 def test_ppo_learns_and_is_repeatable() -> None:
