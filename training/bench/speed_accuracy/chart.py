@@ -82,7 +82,7 @@ def _curve(axes: Any, curve: Curve, rows: Sequence[SpeedAccuracyRow]) -> Any:
 def panel(axes: Any, rows: Sequence[SpeedAccuracyRow]) -> dict[str, Any]:
     """Draw one scene at one horizon; returns the legend's entries."""
     looks = curves(rows)
-    rows = [r for r in rows if 0 < r.error <= MOST]
+    rows = [r for r in rows if 0 < r.error <= MOST and r.survived]
     shown = [r for r in rows if r.family in looks and np.isfinite(r.ms_median)]
     axes.set_xscale("log")
     axes.set_yscale("log")
@@ -141,7 +141,8 @@ def _beside(axes: Any, rows: Sequence[SpeedAccuracyRow], oracle: Sequence[SpeedA
 
 NOTE = (
     "Lower left is better; implicit solvers, over 60 ms a frame, are not shown. Yellow: the front. Bars: quartiles of "
-    "the time. Hollow: the mean height is off by over 5 % of its way. Cross: some windows failed, mean of the others. "
+    "the time. Hollow: the mean height is off by over 5 % of its way. Cross: up to half of the windows failed, mean of "
+    "the others. "
     "\u00d72: grid factor. Ticks at the left edge: the exact coarse cloth, bicubic: what interpolation alone loses. "
     "Grey: below the chaos floor, errors mean nothing. Hexagon: the CNN, to the bit the reference inside."
 )

@@ -106,6 +106,12 @@ class SpeedAccuracyRow:
     failure: str
 
     @property
+    def survived(self) -> bool:
+        """Whether at least half of the windows stood: the mean of fewer tells of the easiest ones."""
+        lost = int(self.failure.split(" of ", 1)[0]) if self.failure else 0
+        return 2 * lost <= self.windows
+
+    @property
     def passes(self) -> bool:
         """It did not fail and its cloth falls as fast as the truth's (unknown counts as passed)."""
         return not self.failure and not self.gate > GATE
