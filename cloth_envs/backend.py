@@ -74,7 +74,7 @@ def device_of(backend: Any) -> Any:
 
 
 class Stateful:
-    """The present state of a backend, as ``Backend`` has it."""
+    """The present state of a backend, as ``Backend`` has it, and no memory beyond it."""
 
     _state: State | None = None
 
@@ -84,6 +84,16 @@ class Stateful:
         if self._state is None:
             raise RuntimeError("there is no cloth yet: call reset(state) first")
         return self._state
+
+    @property
+    def memory(self) -> dict[str, np.ndarray]:
+        """Empty: the state decides the future."""
+        return {}
+
+    def recall(self, memory: dict[str, np.ndarray]) -> None:
+        """Nothing to take back. Raises ValueError: there is something, from another backend."""
+        if memory:
+            raise ValueError(f"{type(self).__name__} remembers nothing beyond its state, got {', '.join(memory)}")
 
     def _begin(self, state: State, which: Sequence[int] | None) -> None:
         """Make ``state`` the present one, or of the present one those members; callers pass a copy."""

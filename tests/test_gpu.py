@@ -8,22 +8,21 @@ import _minicloth_kernels as kernels
 import gymnasium as gym
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="a card's arrays are torch's tensors")
-
-from cloth_envs.failure import find  # noqa: E402
-from cloth_envs.grid import Grid  # noqa: E402
-from cloth_envs.material import Material  # noqa: E402
-from cloth_envs.physics.explicit.solver import ExplicitSolver  # noqa: E402
-from cloth_envs.physics.gpu.card import MOST_THREADS, plan  # noqa: E402
-from cloth_envs.physics.gpu.solver import CardSolver  # noqa: E402
-from cloth_envs.physics.laws.step import step  # noqa: E402
-from cloth_envs.registry import make_backend  # noqa: E402
-from cloth_envs.scene import Air, Collider, Scene  # noqa: E402
-from cloth_envs.scenes.task import Task  # noqa: E402
-from cloth_envs.state import Controls, State  # noqa: E402
-from cloth_envs.world import World  # noqa: E402
-from tests.test_kernel_twin import GRIDS, NOTHING, SHEETS, TERMS, controls_for, crumpled, with_bodies  # noqa: E402
+from cloth_envs.failure import find
+from cloth_envs.grid import Grid
+from cloth_envs.material import Material
+from cloth_envs.physics.explicit.solver import ExplicitSolver
+from cloth_envs.physics.gpu.card import MOST_THREADS, plan
+from cloth_envs.physics.gpu.solver import CardSolver
+from cloth_envs.physics.laws.step import step
+from cloth_envs.registry import make_backend
+from cloth_envs.scene import Air, Collider, Scene
+from cloth_envs.scenes.task import Task
+from cloth_envs.state import Controls, State
+from cloth_envs.world import World
+from tests.test_kernel_twin import GRIDS, NOTHING, SHEETS, TERMS, controls_for, crumpled, with_bodies
 
 EPS = float(np.finfo(np.float32).eps)
 ORDERS = [{"strip": 4}, {"strip": 1, "backwards": True}, {"strip": 4, "backwards": True}]

@@ -207,16 +207,6 @@ class Solver(Stateful, ABC):
         self.scene, self.num_envs = scene, whole_number("num_envs", num_envs)
         self.threads, self.dtype = whole_number("threads", threads), float_type(dtype)
 
-    @property
-    def memory(self) -> dict[str, np.ndarray]:
-        """Empty: the state decides the future."""
-        return {}
-
-    def recall(self, memory: dict[str, np.ndarray]) -> None:
-        """Nothing to take back. Raises ValueError: there is something, from another backend."""
-        if memory:
-            raise ValueError(f"{type(self).__name__} remembers nothing beyond its state, got {', '.join(memory)}")
-
     def check_material(self, material: Material) -> None:
         """Refuse what this solver can't step; a solver adds its own limits. Raises ValueError: says what to change."""
         if material.yields and not self.yields:

@@ -79,16 +79,6 @@ class CardSolver(Stateful):
     def _put(self, array: np.ndarray) -> Tensor:
         return torch.as_tensor(array).to(self.device)
 
-    @property
-    def memory(self) -> dict[str, np.ndarray]:
-        """Empty: the state decides the future."""
-        return {}
-
-    def recall(self, memory: dict[str, np.ndarray]) -> None:
-        """Nothing to take back. Raises ValueError: there is something, from another backend."""
-        if memory:
-            raise ValueError(f"a card remembers nothing beyond its state, got {', '.join(memory)}")
-
     def check_material(self, material: Material) -> None:
         """Refuse what would need too many substeps. Raises ValueError: says what to change."""
         self._cutter.count(self.felt_as(material))
