@@ -76,8 +76,9 @@ def test_a_capsule_that_spins_takes_the_cloth_round(solver: type) -> None:
             controls.collider_velocities[0, 1, 1] = np.cross([0, rate, 0], end)
             now = made.advance(controls)
         ways.append((now.positions - x)[0, 0, 7].mean())
-    assert abs(ways[0]) < 5e-4  # P-ADMM wavers
     speed = rate * (radius + scene.thickness)  # of the roller's surface, 0.315 m/s
+    # A belt in balance: P-ADMM, which does not converge in a frame, slips one way or the other by its roundings.
+    assert abs(ways[0]) < (speed * 0.05 / 10 if solver is AdmmSolver else 1e-5)
     if solver is ExplicitSolver:  # friction of the sheet's weight, mu g, reaches it after 40 ms; the arc bears less
         assert ways[1] == pytest.approx(speed * 0.05 - speed**2 / (2 * 0.8 * 9.81), rel=0.15)
     else:  # steps of a fifth of that: friction of such steps is coarse, on a capsule that slides along its axis too
