@@ -40,10 +40,13 @@ def install(extra: str) -> str:
     return f'pip install -e ".[{extra}]" in {CHECKOUT}' if in_checkout() else f'pip install "minicloth[{extra}]"'
 
 
-def missing(what: str, error: ImportError) -> str:
-    """What ``what`` lacks, and the line that installs it if that is one of ``EXTRAS``; else what ``error`` says."""
+def missing(what: str, error: ImportError, extra: str | None = None) -> str:
+    """What ``what`` lacks, and the line that installs it if that is one of ``EXTRAS``; else what ``error`` says.
+
+    ``extra`` is to be installed in place of the one that the package has there.
+    """
     package = (error.name or "").split(".")[0] if isinstance(error, ModuleNotFoundError) else ""
-    extra = EXTRAS.get(package)
+    extra = (extra or EXTRAS[package]) if package in EXTRAS else None
     return f"{what} needs {package} ({error}): {install(extra)}" if extra else str(error)
 
 

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cloth_envs.arguments import one_of
-from cloth_envs.extras import install, missing
+from cloth_envs.extras import missing
 from cloth_envs.physics.particles.solver import ParticleSolver
 from cloth_envs.scene import Scene
 from surrogates.cell.compiled import SHEET, CellNet, CellSheet, dimensional
@@ -102,14 +102,11 @@ def _on_card(scene: Scene, arrays: Mapping[str, np.ndarray], *, dtype: str, **op
         raise ValueError(f'dtype={dtype!r}: a card computes in float32; leave dtype out, or add engine="torch"')
     try:
         from surrogates.cell.card import CellCard
-        from surrogates.cell.engine import usable
+        from surrogates.cell.engine import usable_card
     except ImportError as error:
-        raise ImportError(missing(f"device={options['device']!r}", error)) from error
+        raise ImportError(missing(f"device={options['device']!r}", error, "gpu")) from error
     if options["device"] == EMULATED:
         options["device"] = "cpu"
     else:
-        try:
-            usable(options["device"])
-        except ValueError as error:
-            raise ValueError(f"{error}; a card needs {install('gpu')}") from error
+        usable_card(options["device"])
     return CellCard(scene, factors_of(arrays), **options)

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from cloth_envs.extras import install
 from cloth_envs.material import Material
 from cloth_envs.physics.laws.drives import hermite
 from cloth_envs.physics.particles.solver import Cell, ParticleSolver, net_of
@@ -32,6 +33,16 @@ def usable(device: str) -> str:
         reason = str(error).splitlines()[0]
         raise ValueError(f"device={device!r} can't be used ({reason}): write device='cpu', or leave it out") from error
     return device
+
+
+def usable_card(device: str) -> str:
+    """``device`` as it is. Raises ValueError: it is no card that can be used; names the extra that a card needs."""
+    try:
+        return usable(device)
+    except ValueError as error:
+        raise ValueError(
+            f"{str(error).split(': write')[0]}: a card needs {install('gpu')}; or leave device out"
+        ) from error
 
 
 def pressure_force(positions: Tensor, pressure: Tensor) -> Tensor:

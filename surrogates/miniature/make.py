@@ -56,10 +56,10 @@ def miniature(
             "leave solver, solver_kwargs and mend out, or device"
         )
     try:
-        from surrogates.cell.engine import usable
+        from surrogates.cell.engine import usable_card
         from surrogates.miniature.on_device import MiniatureOnDevice
     except ImportError as error:
-        raise ImportError(missing(f"device={device!r}", error)) from error
+        raise ImportError(missing(f"device={device!r}", error, "gpu")) from error
     lacking = [] if correction is None else [f"correction={one_of('correction', correction, ['learned'])!r}"]
     if isinstance(upscaler, str) and (upscaler in NOT_ON_DEVICE or ":" in upscaler):
         lacking.append(f"upscaler={upscaler!r}")
@@ -70,4 +70,4 @@ def miniature(
     lacking += ["mended edges"] if plain.mend else []
     lacking += ["a guard"] if guard and not isinstance(plain.upscaling, Interpolation) else []
     without = f"on a device without {' and '.join(lacking)}" if lacking else ""
-    return MiniatureOnDevice(plain, num_envs=num_envs, device=usable(device), without=without)
+    return MiniatureOnDevice(plain, num_envs=num_envs, device=usable_card(device), without=without)
