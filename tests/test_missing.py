@@ -60,6 +60,9 @@ print(json.dumps(answers))
 BLOCKED = {"torch", "pyvista", "matplotlib", "imageio", "cholespy", "mujoco", "taichi", "stable_baselines3"}
 LINES = {
     """gym.make("MiniCloth-Flag-v0", backend="cnn", backend_kwargs={"engine": "torch"})""": ("ImportError", "train"),
+    """gym.make("MiniCloth-Flag-v0", backend="cnn", backend_kwargs={"device": "cuda"})""": ("ImportError", "gpu"),
+    """gym.make("MiniCloth-Flag-v0", backend="miniature", backend_kwargs={"device": "cuda"})""": ("ImportError", "gpu"),
+    """command("bench", "gpu", "--quick")""": ("2 minicloth: ", "train"),
     """gym.make("MiniCloth-Curtain-v0", backend="own_backend:Springs")""": ("ImportError", "train"),
     """gym.make("MiniCloth-Flag-v0", backend_kwargs={"solver": "implicit"}).reset()""": ("ImportError", "implicit"),
     "drawn()": ("ImportError", "render"),
