@@ -9,9 +9,11 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, Holding
 from cloth_envs.material import Material
+from cloth_envs.naming import unknown_name
 from cloth_envs.particles import Particles
 
 GRAVITY = 9.81  # m/s^2
+KINDS = ("sphere", "capsule", "plane")  # of bodies
 LAYERS = 4  # of a folded cloth, at least, in the height of one cell
 
 
@@ -62,6 +64,9 @@ class Collider:
     plane. ``radius`` [m] (0 for a plane); ``friction`` is the coefficient mu. ``turns_with`` is the number of another
     capsule of the scene, with whose axis this one turns about its own as a hip does with the line between the thighs;
     None for one that doesn't spin.
+
+    Raises:
+        ValueError: another kind; of the scene: ``turns_with`` of what is no capsule, or that names none of the others.
     """
 
     kind: str
@@ -69,6 +74,10 @@ class Collider:
     friction: float = 0.3
     name: str = "body"
     turns_with: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise unknown_name("kind of body", self.kind, KINDS)
 
     @property
     def spin(self) -> str:
@@ -112,6 +121,16 @@ class Scene:
     particles: Particles | None = None
     self_contact: SelfContact | None = None
     driven_by: str = ""
+
+    def __post_init__(self) -> None:
+        capsules = [i for i, body in enumerate(self.colliders) if body.kind == "capsule"]
+        for number, body in enumerate(self.colliders):
+            others = [i for i in capsules if i != number]
+            if body.turns_with is not None and (number not in capsules or body.turns_with not in others):
+                raise ValueError(
+                    f"{body.kind} {body.name!r} of {self.name} can't turn with {body.turns_with!r}: only capsules turn "
+                    f"about their axes, with one of the others ({', '.join(map(str, others)) or 'there is none'})"
+                )
 
     def with_material(self, material: Material) -> "Scene":
         return replace(self, material=material)

@@ -74,7 +74,27 @@ def test_recorded_joints_are_where_forward_kinematics_puts_them(name: str) -> No
     found = joints - joints[:, :1] + positions[:, :1]
     assert np.abs(found - positions).max() < 1e-5  # float32 of positions of a few metres
     motion = read_motion(RECORDED, name)
-    np.testing.assert_allclose(motion.at(np.arange(len(positions)) / 60)[0], positions, atol=1e-9)
+    assert motion.fps == 30  # each frame is there twice
+    np.testing.assert_allclose(motion.at(np.arange(0, len(positions), 2) / 60)[0], positions[::2], atol=1e-9)
+
+
+@pytest.mark.parametrize("times", [1, 2, 3])
+def test_frames_that_are_stored_several_times_count_once(times: int, tmp_path: Path) -> None:
+    """Else a steady motion stops at each, and goes faster between: up to 1.5 times at a cubic spline's knots."""
+    going = np.repeat(stand(), 40, 0) + np.arange(40)[:, None, None] * [0.05, 0, 0]
+    stored = np.repeat(going, times, 0)[: 40 * times - (times > 1)]  # the last one less often
+    motion = read_motion(write(tmp_path / "motions.h5", positions=stored, fps=30.0 * times), "hop")
+    assert motion.duration == pytest.approx(39 / 30)
+    _, speed = motion.at(np.linspace(0.3, 1.0, 200))  # away from the ends, where it is at rest
+    np.testing.assert_allclose(speed, np.broadcast_to([1.5, 0, 0], speed.shape), atol=1e-3)
+
+
+def test_a_motion_that_stands_still_or_rests_keeps_its_frames(tmp_path: Path) -> None:
+    rests = np.repeat(stand(), 9, 0) + np.array([0, 0, 0, 1, 1, 1, 2, 3, 3])[:, None, None] * [0.01, 0, 0]
+    for positions in (np.repeat(stand(), 5, 0), rests, rests[:6]):
+        motion = read_motion(write(tmp_path / "motions.h5", positions=positions), "hop")
+        assert motion.fps == 60
+        np.testing.assert_allclose(motion.at(np.arange(len(positions)) / 60)[0], positions, atol=1e-12)
 
 
 def test_a_motion_is_smooth_between_frames() -> None:
@@ -117,6 +137,14 @@ def test_the_dance_keeps_its_bones_and_its_feet_up() -> None:
         ({"positions": np.zeros((5, 3, 3))}, r"\(F, 15, 3\)"),
         ({"positions": np.full((5, 15, 3), np.nan)}, "not finite"),
         ({"fps": 0.0}, "a rate"),
+        ({"fps": np.inf}, "a rate"),
+        ({"fps": "60"}, "all numbers"),
+        ({"fps": np.array([60.0, 60.0])}, "all numbers"),
+        ({"joint_names": 3}, "no pelvis"),
+        ({"positions": np.zeros((5, 15, 3)) + 0j}, "all numbers"),
+        ({"positions": np.zeros((5, 15, 3))}, "0 to 0 m between its thighs"),
+        ({"positions": 100 * np.repeat(stand(), 5, 0)}, "positions are in metres"),
+        ({"positions": np.repeat(stand(), 5, 0)[:, [0, 9, *range(2, 15)]]}, "spine along the line"),
     ],
 )
 def test_files_without_a_motion_are_refused(changes: dict[str, Any], words: str, tmp_path: Path) -> None:

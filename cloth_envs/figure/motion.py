@@ -11,6 +11,9 @@ from scipy.interpolate import CubicSpline
 from cloth_envs.figure.skeleton import JOINTS
 from cloth_envs.naming import unknown_name
 
+LEAST, MOST = 0.03, 1.0  # m, of a person's hips and lower spine, a child's or a giant's
+ACROSS = 0.1  # sine of the angle between them, at least
+
 
 class Motion:
     """Joint positions at any time, in NumPy or in tensors: cubic splines through frames, of continuous acceleration.
@@ -45,32 +48,54 @@ def read_motion(path: str | Path, name: str) -> Motion:
     """One motion of a file of recorded ones.
 
     The file is HDF5: a group for each motion with ``positions`` ``(F, J, 3)`` [m], z up, and the attributes ``fps`` and
-    ``joint_names``, which must hold those of ``JOINTS``.
+    ``joint_names``, which must hold those of ``JOINTS``. Where it holds each frame several times, as one of 30 a second
+    stored as 60, each counts once, at a rate that much lower: the motion would stop at every one.
 
     Raises:
-        ValueError: no such motion (the nearest match is named), or one that lacks something or has another form.
+        ValueError: no such motion (the nearest match is named), or one that lacks something, has another form or is
+            of no person.
         OSError: no file, or no HDF5.
     """
     with h5py.File(path, "r") as file:
         if name not in file:
             raise unknown_name(f"motion in {path}:", name, list(file))
-        group = file[name]
+        group, which = file[name], f"motion {name!r} in {path}"
         lacks = [part for part in ("fps", "joint_names") if part not in group.attrs]
-        if lacks or "positions" not in group:
-            raise ValueError(f"motion {name!r} in {path} lacks {', '.join(lacks) or 'positions'}: see read_motion")
-        positions, names = group["positions"][:].astype(float), _texts(group.attrs["joint_names"])
-        fps = float(group.attrs["fps"])
-    absent = [joint for joint in JOINTS if joint not in names]
-    if absent:
-        raise ValueError(f"motion {name!r} in {path} has no {', '.join(absent)}: joints are named {', '.join(JOINTS)}")
-    if positions.ndim != 3 or positions.shape[1:] != (len(names), 3) or len(positions) < 4 or not fps > 0:
-        raise ValueError(
-            f"motion {name!r} in {path} must have positions (F, {len(names)}, 3), F at least 4, and a rate"
-        )
-    if not np.isfinite(positions).all():
-        raise ValueError(f"motion {name!r} in {path} has positions that are not finite")
-    return Motion(positions[:, [names.index(joint) for joint in JOINTS]], fps)
+        positions = group.get("positions") if isinstance(group, h5py.Group) else None
+        if lacks or not isinstance(positions, h5py.Dataset):
+            raise ValueError(f"{which} lacks {', '.join(lacks) or 'positions'}: see read_motion")
+        names, rate = _texts(group.attrs["joint_names"]), np.asarray(group.attrs["fps"])
+        absent = [joint for joint in JOINTS if joint not in names]
+        if absent:
+            raise ValueError(f"{which} has no {', '.join(absent)}: joints are named {', '.join(JOINTS)}")
+        form = positions.ndim == 3 and positions.shape[1:] == (len(names), 3) and len(positions) >= 4
+        if not form or positions.dtype.kind not in "fiu" or rate.dtype.kind not in "fiu" or rate.size != 1:
+            raise ValueError(f"{which} must have positions (F, {len(names)}, 3), F at least 4, and a rate, all numbers")
+        frames, fps = positions[:].astype(float)[:, [names.index(joint) for joint in JOINTS]], float(rate.item())
+    if not 0 < fps < np.inf:
+        raise ValueError(f"{which} must have a rate above 0, got fps {fps:g}")
+    _check_person(frames, which)
+    held = max(1, int(np.gcd.reduce(1 + np.flatnonzero(np.diff(frames, axis=0).any((1, 2))))))  # how often there
+    once = frames[::held]
+    return Motion(once, fps / held) if len(once) >= 4 else Motion(frames, fps)
+
+
+def _check_person(joints: np.ndarray, which: str) -> None:
+    """Refuse joints ``(F, J, 3)`` between which no skirt can hang. Raises ValueError: says what is wrong."""
+    if not np.isfinite(joints).all():
+        raise ValueError(f"{which} has positions that are not finite")
+    right, left, pelvis, torso = (joints[:, JOINTS.index(n)] for n in ("right_thigh", "left_thigh", "pelvis", "torso"))
+    hips, spine = left - right, torso - pelvis
+    wide, long = np.linalg.norm(hips, axis=1), np.linalg.norm(spine, axis=1)
+    for what, size in (("between its thighs", wide), ("from pelvis to torso", long)):
+        if size.min() < LEAST or size.max() > MOST:
+            raise ValueError(
+                f"{which} has {size.min():.3g} to {size.max():.3g} m {what}, of a person {LEAST:g} to {MOST:g}: "
+                "positions are in metres"
+            )
+    if (np.linalg.norm(np.cross(hips, spine), axis=1) < ACROSS * wide * long).any():
+        raise ValueError(f"{which} has a spine along the line between the thighs: joints may be named wrongly")
 
 
 def _texts(values: Sequence[str | bytes]) -> list[str]:
-    return [value.decode() if isinstance(value, bytes) else str(value) for value in values]
+    return [value.decode() if isinstance(value, bytes) else str(value) for value in np.atleast_1d(values)]

@@ -85,6 +85,27 @@ def test_a_capsule_that_spins_takes_the_cloth_round(solver: type) -> None:
         assert 2e-3 < ways[1] < speed * 0.05 * 1.001
 
 
+@pytest.mark.parametrize(
+    ("kind", "turns_with", "words"),
+    [
+        ("capsule", 0, "one of the others \\(1\\)"),
+        ("capsule", 2, "turn with 2"),
+        ("capsule", 3, "turn with 3"),
+        ("capsule", -1, "turn with -1"),
+        ("capsule", "hips", "turn with 'hips'"),
+        ("sphere", 1, "only capsules"),
+        ("capsul", None, "Did you mean 'capsule'"),
+    ],
+)
+def test_bodies_that_cannot_turn_or_be_are_refused(kind: str, turns_with: int | None, words: str) -> None:
+    def roller() -> Scene:
+        bodies = Collider(kind, 0.1, turns_with=turns_with), Collider("capsule", 0.1), Collider("sphere", 0.1)
+        return Scene("roller", Grid(3, 3, 0.1, 0.1), CLOTH, 0.01, colliders=bodies)
+
+    with pytest.raises(ValueError, match=words):
+        roller()
+
+
 def test_no_vertex_stays_in_one_of_capsules_that_overlap() -> None:
     """Steps of 2 cm from the surface of a figure's hips and legs; taken in turn alone one pushes into another, 2 mm."""
     rng, h = np.random.default_rng(0), 1e-3
