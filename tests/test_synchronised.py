@@ -15,15 +15,18 @@ from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.laws.tracking import mean_forces, shared_forces
+from cloth_envs.registry import PRESETS
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 from surrogates.superres.synchronised import Synchronised
+from training.bench.synchronised import FloorRow, TrackingRow, floor, spikes
+from training.rows import read_rows
 from training.superres import generate as module
 from training.superres.generate import BACKEND, Plan, Protocol, generate
-from training.superres.pairs import read, rest, sequences, twin
+from training.superres.pairs import SPLITS, read, rest, sequences, twin
 
-OPEN, TUBE = Grid(13, 9, 0.6, 0.4), Grid(9, 16, 0.4, 0.8, periodic=True)
+OPEN, WIDE, TUBE = Grid(13, 9, 0.6, 0.4), Grid(9, 13, 0.4, 0.6), Grid(9, 16, 0.4, 0.8, periodic=True)
 DT = 1e-6  # s of a frame: forces are what they are at its start, to this over the time in which anything moves
 
 
@@ -36,7 +39,7 @@ def waved(grid: Grid, seed: int, batch: int = 2) -> State:
     return state
 
 
-@pytest.mark.parametrize("grid", [OPEN, TUBE], ids=["open", "tube"])
+@pytest.mark.parametrize("grid", [OPEN, WIDE, TUBE], ids=["open", "wide", "tube"])
 @pytest.mark.parametrize("tracking", ["mean", "seed"])
 @pytest.mark.parametrize("batch", [1, 3])  # bands of one cloth, cloths in lanes
 def test_the_kernel_pulls_as_its_twin_does(grid: Grid, tracking: str, batch: int) -> None:
@@ -150,7 +153,8 @@ def test_a_broken_generator_restarts_its_sequence(tmp_path: Path, monkeypatch: p
     assert pair.number == 12
     assert pair.fine.positions.shape == pair.fine.velocities.shape == (3, 109, 105, 3)
     assert pair.coarse.positions.shape == (3, 28, 27, 3)
-    np.testing.assert_array_equal(pair.fine.positions[0, ::4, ::4], pair.coarse.positions[0])
+    np.testing.assert_array_equal(pair.fine.positions[0, ::4, ::4], pair.coarse.positions[0])  # rounded alike
+    assert (pair.fine.positions * 2**17 % 1 == 0).all()
     assert json.loads((tmp_path / "plan.json").read_text()) == {**vars(plan)}
     assert twin(sequences(tmp_path, "test")[0]).is_file()
     np.testing.assert_array_equal(read(sequences(tmp_path, "test")[0], slice(2, 3)).bodies.shape, (1, 0, 2, 3))
@@ -164,6 +168,60 @@ def test_splits_are_of_whole_sequences(scene: str, count: int, train: int, test:
     protocol = Protocol.of(scene)
     split = [protocol.split(number) for number in protocol.first(count)]
     assert split == ["train"] * train + ["test"] * test
+
+
+def test_spikes_are_what_shared_vertices_have_more_of() -> None:
+    """On a wave the ratio is that of its curvature, nearly 1; vertices pulled out of a flat sheet have spikes."""
+    grid = Grid(33, 33, 1.0, 1.0)
+    x, z = np.meshgrid(np.linspace(0, 1, 33), np.linspace(0, 1, 33))
+    ratio, rough = spikes(grid, np.stack([x, 0.05 * np.sin(7 * x), z]))
+    wave = 0.05 * 7**2 * np.sin(7 * x[1:-1, 1:-1]) / (2 * 2 * 32**2)  # a second difference over 2 neighbours of 4
+    assert ratio == pytest.approx(1, abs=0.05)
+    assert rough == pytest.approx(np.sqrt((wave**2).mean()), rel=0.02)
+    pulled = np.zeros((33, 33))
+    pulled[::4, ::4] = 1e-3
+    ratio, rough = spikes(grid, np.stack([x, pulled, z]))
+    assert rough == pytest.approx(1e-3 / 4 * np.sqrt(224 / (31 * 31 - 49)), rel=1e-6)  # those beside 81
+    assert ratio == pytest.approx(1e-3 / rough, rel=1e-6)
+
+
+def test_the_benchmark_end_to_end_and_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    argv = ["bench", "synchronised", "--quick", "--scenes", "Draping", "--out", str(tmp_path)]
+    with pytest.raises(SystemExit, match="0"):
+        main(argv)
+    assert "mean " in capsys.readouterr().out
+    rows = {row.tracking: row for row in read_rows(tmp_path / "tracking.csv", TrackingRow)}
+    assert list(rows) == ["free", "mean", "seed", "springs"]
+    assert rows["mean"].error < 2.0  # mm
+    assert rows["mean"].spikes < rows["seed"].spikes
+    (chance,) = read_rows(tmp_path / "tracking_floor.csv", FloorRow)
+    assert 0 < chance.rms < chance.detail
+    before = {path.name: path.stat().st_mtime_ns for path in tmp_path.glob("*.csv")}
+    with pytest.raises(SystemExit, match="0"):
+        main(argv)
+    assert {path.name: path.stat().st_mtime_ns for path in tmp_path.glob("*.csv")} == before
+
+
+def test_the_stored_floor_is_below_the_detail(monkeypatch: pytest.MonkeyPatch) -> None:
+    for scene in PRESETS["chen2020"]:
+        found = floor(scene)
+        assert 0 < found["rms"] < found["detail"]
+        assert found["normals"] > 0
+    with pytest.raises(ValueError, match="not of 'Flag'"):
+        floor("Flag")
+    monkeypatch.setattr("training.bench.synchronised.DATA", Path("nowhere.csv"))
+    with pytest.raises(FileNotFoundError, match="minicloth bench synchronised"):
+        floor("Draping")
+
+
+def test_a_ray_cluster_makes_the_same(tmp_path: Path) -> None:
+    pytest.importorskip("ray")
+    plan = Plan("Draping", 1)
+    assert generate(plan, tmp_path / "ray", [0, 12], address="local") == 2
+    assert generate(plan, tmp_path / "here", [0, 12]) == 2
+    for split in SPLITS:
+        ((one,), (other,)) = (sequences(tmp_path / folder, split) for folder in ("ray", "here"))
+        np.testing.assert_array_equal(read(one).fine.positions, read(other).fine.positions)
 
 
 def test_the_command_says_what_it_does(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -33,7 +33,7 @@ def _on_ray(job: Callable[[Item], Result], items: Sequence[Item], address: str) 
     except ImportError as error:
         raise ImportError("--ray needs Ray: pip install ray, or leave --ray out for processes here") from error
     ray.init(address=address, ignore_reinit_error=True)
-    remote = ray.remote(num_cpus=1)(job)
+    remote = ray.remote(num_cpus=1)(lambda item: job(item))  # it takes functions only
     waiting = [remote.remote(item) for item in items]
     while waiting:
         done, waiting = ray.wait(waiting)

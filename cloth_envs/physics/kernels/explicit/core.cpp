@@ -134,9 +134,11 @@ bool Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
   thread_local std::vector<SelfContact<T>> selves;
   if (selves.size() < folding) selves.resize(folding);
   for (std::size_t m = 0; m < folding; ++m) selves[m].begin(sheet_, s, f, int(m), count, materials[members[m]].damping);
-  std::vector<Pull<T>> pulls;
-  for (std::size_t m = 0; tracking && m < members.size(); ++m)
-    pulls.emplace_back(*tracking, sheet_, s, materials[members[m]], members[m], int(m), substeps);
+  std::vector<PullMeans<T>> means;
+  std::vector<PullShared<T>> shared;
+  if (tracking && tracking->means) means.emplace_back(*tracking, sheet_, s, materials, members, substeps);
+  for (std::size_t m = 0; tracking && !tracking->means && m < members.size(); ++m)
+    shared.emplace_back(*tracking, sheet_, s, materials[members[m]], members[m], int(m), count);
   thread_local Near near;
   for (int k = 0; k <= count; ++k) {
     if (slow_forces && k % held == 0) {
@@ -145,8 +147,10 @@ bool Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
       slow.trend = T(k ? (later + 0.5) / since : 0);  // velocities are half a substep old, but at a frame's start
       slow_forces(s, f, slow);
     }
-    if (!slow_forces && tracking && k % held == 0) std::fill_n(f.slow, s.field, T(0));
-    for (Pull<T>& pull : pulls) pull.step(f, k, k % held == 0);
+    if (tracking && !slow_forces && k % held == 0) std::fill_n(f.slow, s.field, T(0));
+    for (PullMeans<T>& pull : means)
+      if (k % held == 0) pull.step(f, k);
+    for (PullShared<T>& pull : shared) pull.step(f, k, k % held == 0);
     if (k == 0) handles.pull(f, width, 0, -h / 2);
     const int ahead = k == 0 ? 1 : k == 1 || k % kLook == 0 ? kLook - k % kLook : 0;  // substeps, 0: seen already
     if (ahead) bodies.look(k / double(count), (k + ahead) / double(count));
