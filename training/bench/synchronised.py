@@ -26,17 +26,13 @@ from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.metrics.detail import normal_angle, normals
 from training.rollouts import Recording, record, replay
 from training.rows import read_rows, rounded
-from training.superres.generate import PRESET, Protocol
+from training.superres.generate import PRESET, Plan, Protocol
 
 FACTOR, FRAMES, SETTLED = 4, 160, 20  # frames of a run, and those of them that do not count
 SEQUENCES = 3  # of those for testing, at most
 NOISE = 1e-3  # m
 FREE = "free"
-TRACKINGS: Mapping[str, dict[str, Any]] = {
-    "mean": {"tracking": "mean"},
-    "seed": {"tracking": "seed"},
-    "springs": {"tracking": "seed", "levels": 0.0},
-}
+TRACKINGS: Mapping[str, dict[str, Any]] = {"mean": {}, "seed": {}, "springs": {"tracking": "seed", "levels": 0.0}}
 TRACKED, FLOOR = "tracking", "tracking_floor"
 DATA = Path(__file__).parents[2] / "docs" / "data" / f"{FLOOR}.csv"
 
@@ -172,7 +168,8 @@ def sequence_rows(scene: str, sequence: int, frames: int) -> Iterator[TrackingRo
     solver.reset(free.states[0])
     yield tracking_row(own, FREE, sequence, run(solver, free))
     for name, options in TRACKINGS.items():
-        cloths = Synchronised(own, factor=FACTOR, **options)
+        plan = Plan.usual(scene, frames, factor=FACTOR, tracking=options.get("tracking", name))
+        cloths = Synchronised(own, **plan.options | options)
         cloths.reset(free.states[0])
         found = run(cloths, free)
         yield tracking_row(own, name, sequence, found)
