@@ -20,7 +20,8 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 from surrogates.superres.synchronised import Synchronised
-from training.bench.synchronised import FloorRow, TrackingRow, floor, spikes
+from training.bench.synchronised.rows import FloorRow, TrackingRow, floor
+from training.bench.synchronised.run import spikes
 from training.rows import read_rows
 from training.superres import generate as module
 from training.superres.generate import BACKEND, Plan, Protocol, generate
@@ -209,7 +210,7 @@ def test_the_stored_floor_is_below_the_detail(monkeypatch: pytest.MonkeyPatch) -
         assert found["normals"] > 0
     with pytest.raises(ValueError, match="not of 'Flag'"):
         floor("Flag")
-    monkeypatch.setattr("training.bench.synchronised.DATA", Path("nowhere.csv"))
+    monkeypatch.setattr("training.bench.synchronised.rows.DATA", Path("nowhere.csv"))
     with pytest.raises(FileNotFoundError, match="minicloth bench synchronised"):
         floor("Draping")
 

@@ -5,9 +5,8 @@ same controls. A twin of the usual tracking starts with 1 mm of noise along its 
 no function of the coarse cloth can be closer to either than the distance over the square root of two (the floor).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,59 +22,17 @@ from cloth_envs.state import State
 from cloth_envs.world import World
 from surrogates.superres.synchronised import Synchronised
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
+from training.bench.synchronised.chart import CHARTS, draw
+from training.bench.synchronised.rows import FLOOR, FREE, TRACKED, FloorRow, TrackingRow, floor_table, tracking_table
 from training.metrics.detail import normal_angle, normals
 from training.rollouts import Recording, record, replay
-from training.rows import read_rows, rounded
+from training.rows import rounded
 from training.superres.generate import PRESET, Plan, Protocol
 
 FACTOR, FRAMES, SETTLED = 4, 160, 20  # frames of a run, and those of them that do not count
 SEQUENCES = 3  # of those for testing, at most
 NOISE = 1e-3  # m
-FREE = "free"
 TRACKINGS: Mapping[str, dict[str, Any]] = {"mean": {}, "seed": {}, "springs": {"tracking": "seed", "levels": 0.0}}
-TRACKED, FLOOR = "tracking", "tracking_floor"
-DATA = Path(__file__).parents[2] / "docs" / "data" / f"{FLOOR}.csv"
-
-
-@dataclass(frozen=True)
-class TrackingRow:
-    """A fine cloth over the frames of a sequence: ``free``, pulled by ``mean`` or ``seed``, or by ``springs`` alone.
-
-    ``error`` [mm]: mean distance of the vertices that both cloths share, nan where it is free. ``spikes``: how far
-    these lie from the mean of their neighbours over how far others do, ``roughness`` [mm], root mean squares of both.
-    ``bending`` [J]; ``ms`` of the processor a frame, the coarse cloth's with it; ``crossings`` of triangles, the most.
-    """
-
-    scene: str
-    tracking: str
-    sequence: int
-    rows: int
-    cols: int
-    frames: int
-    error: float
-    spikes: float
-    roughness: float
-    bending: float
-    ms: float
-    crossings: int
-
-
-@dataclass(frozen=True)
-class FloorRow:
-    """What is chance of a tracked cloth: root mean square distance of twins over the square root of two.
-
-    ``rms`` [mm], of ``detail`` [mm] that the fine cloth has beyond bicubic interpolation of the coarse one;
-    ``normals`` [degrees], the mean angle over the same.
-    """
-
-    scene: str
-    sequence: int
-    rows: int
-    cols: int
-    frames: int
-    rms: float
-    detail: float
-    normals: float
 
 
 def bumps(grid: Grid, positions: np.ndarray) -> np.ndarray:
@@ -179,58 +136,6 @@ def sequence_rows(scene: str, sequence: int, frames: int) -> Iterator[TrackingRo
             yield floor_row(own, cloths.coarse_scene.grid, sequence, found, run(cloths, free))
 
 
-def floor(scene: str) -> dict[str, float]:
-    """Means over the stored sequences: ``rms`` and ``detail`` [mm], ``normals`` [degrees].
-
-    Raises:
-        ValueError: not measured for this scene.
-        FileNotFoundError: no data; `minicloth bench synchronised` makes them.
-    """
-    if not DATA.is_file():
-        raise FileNotFoundError(f"no floor in {DATA}: run `minicloth bench synchronised --out FOLDER`")
-    rows = read_rows(DATA, FloorRow)
-    mine = [row for row in rows if row.scene == scene]
-    if not mine:
-        raise ValueError(f"the floor is known of {', '.join(dict.fromkeys(r.scene for r in rows))}, not of {scene!r}")
-    return {name: float(np.mean([getattr(row, name) for row in mine])) for name in ("rms", "detail", "normals")}
-
-
-def table(rows: Sequence[TrackingRow]) -> str:
-    """A line a tracking: means over the sequences."""
-    lines = [
-        f"{'':10s}{'tracking':10s}{'error [mm]':>20s}{'spikes':>20s}{'roughness [mm]':>16s}{'bending over free':>19s}"
-        f"{'ms/frame':>10s}{'crossings':>11s}"
-    ]
-    for scene, name in dict.fromkeys((r.scene, r.tracking) for r in rows):
-        mine = [r for r in rows if (r.scene, r.tracking) == (scene, name)]
-        free = {r.sequence: r.bending for r in rows if (r.scene, r.tracking) == (scene, FREE)}
-        bending = np.mean([r.bending / free.get(r.sequence, np.nan) for r in mine])
-        error = "-" if name == FREE else _span([r.error for r in mine])
-        rough, ms = (float(np.mean([getattr(r, k) for r in mine])) for k in ("roughness", "ms"))
-        lines.append(
-            f"{scene:10s}{name:10s}{error:>20s}{_span([r.spikes for r in mine]):>20s}{rough:16.3g}{bending:19.2f}"
-            f"{ms:10.0f}{max(r.crossings for r in mine):11d}"
-        )
-    return "\n".join(lines)
-
-
-def _span(values: Sequence[float]) -> str:
-    """Mean, least and largest."""
-    return f"{np.mean(values):.3g} ({min(values):.3g}-{max(values):.3g})"
-
-
-def floor_table(rows: Sequence[FloorRow]) -> str:
-    """A line a scene: means over the sequences (least and largest)."""
-    lines = [f"{'':10s}{'rms [mm]':>22s}{'of detail [mm]':>22s}{'normals [degrees]':>22s}"]
-    for scene in dict.fromkeys(r.scene for r in rows):
-        line = f"{scene:10s}"
-        for name in ("rms", "detail", "normals"):
-            found = [getattr(r, name) for r in rows if r.scene == scene]
-            line += f"{_span(found):>22s}"
-        lines.append(line)
-    return "\n".join(lines)
-
-
 def measure(session: Session) -> None:
     """Every sequence; rows that are there are kept."""
     frames, most = (SETTLED + 5, 1) if session.quick else (FRAMES, SEQUENCES)
@@ -254,10 +159,12 @@ BENCHMARK = Benchmark(
         FLOOR: RowFile(FloorRow, ("scene", "sequence")),
     },
     parts=[
-        Part("Tracking, means over test sequences (least-most)", (TRACKED,), table),
+        Part("Tracking, means over test sequences (least-most)", (TRACKED,), tracking_table),
         Part("Floor: tracked twins over the square root of two", (FLOOR,), floor_table),
     ],
     measure=measure,
     scenes=tuple(PRESETS[PRESET]),
     known=tuple(PRESETS[PRESET]),
+    charts=CHARTS,
+    draw=draw,
 )
