@@ -103,8 +103,7 @@ void bind_explicit(nb::module_& m, const char* name) {
           "their number, and for how many of them bending and the air are held, of each of the L levels; levels (B,) "
           "says which were taken, crossings (B,) how many pairs of triangles crossed in old, with contact of the cloth "
           "with itself. Where something is faster than most [m/s], nothing is done but to return the speeds. tracking "
-          "pulls the "
-          "cloths along.")
+          "pulls the cloths along.")
       .def("shear", &shear_explicit<T>, nb::arg("positions"),
            "The largest shear of each cloth, (B,), of positions (B, 3, H, W): the mean sine at an inner vertex's four "
            "corners, as long as edges have their lengths; those above may count against those below, those to the left "
