@@ -63,6 +63,25 @@ def test_the_kernel_pulls_as_its_twin_does(grid: Grid, tracking: str, batch: int
     assert abs(wanted).max() > 0.01 * DT
 
 
+@pytest.mark.parametrize("grid", [OPEN, WIDE, TUBE], ids=["open", "wide", "tube"])
+@pytest.mark.parametrize("tracking", ["mean", "seed"])
+def test_members_of_a_batch_move_as_alone(grid: Grid, tracking: str) -> None:
+    scene = Scene("Test", grid, Material(), 0.01)
+    batch = Synchronised(scene, num_envs=3, tracking=tracking)
+    start = State.still(waved(grid, 0, 3).positions)
+    batch.reset(start)
+    batch.reset(State.still(waved(grid, 1, 1).positions), which=[1])
+    for _ in range(3):
+        batch.advance(Controls.hold(start, ()))
+    for i, positions in enumerate((start.positions[:1], waved(grid, 1, 1).positions, start.positions[2:])):
+        alone = Synchronised(scene, tracking=tracking)
+        alone.reset(State.still(positions))
+        for _ in range(3):
+            alone.advance(Controls.hold(State.still(positions), ()))
+        np.testing.assert_array_equal(alone.state.positions[0], batch.state.positions[i])
+        np.testing.assert_array_equal(alone.coarse.positions[0], batch.coarse.positions[i])
+
+
 def test_means_follow_without_adding_momentum() -> None:
     """Where the coarse cloth is what the fine one's means are, nothing pulls; else what pulls adds up to the mean's."""
     scene = Scene("Test", OPEN, Material(), DT, gravity=0.0)

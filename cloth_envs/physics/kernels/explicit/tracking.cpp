@@ -72,6 +72,7 @@ PullMeans<T>::PullMeans(const Tracking& tracking, const Sheet& sheet, const Stri
   const std::vector<T> of_rows = sums(rows_), of_cols = sums(cols_);
   for (const T row : of_rows)
     for (const T col : of_cols) weight_.push_back(1 / (row * col));
+  lines_.resize(members.size() * rows_.size.size() * 3 * w);
   for (std::vector<T>* field : {&x_, &v_, &past_, &pull_}) field->assign(paths_.size(), T(0));
 }
 
@@ -101,6 +102,7 @@ void PullMeans<T>::step(const Fields<T>& f, int k) {
 template <class T>
 void PullMeans<T>::mean(const T* field, std::vector<T>& to) {
   const int width = strips_.width, q = 3 * width, w = cols_.line.coarse, h = rows_.line.coarse;
+  const int height = int(rows_.size.size());
   std::fill(to.begin(), to.end(), T(0));
   for (int r = 0; r < strips_.rows; ++r) {
     std::fill(row_.begin(), row_.end(), T(0));
@@ -113,15 +115,17 @@ void PullMeans<T>::mean(const T* field, std::vector<T>& to) {
     }
     for (int l = 0; l < width; ++l) {
       const auto [cloth, row] = lane(r, l);
-      if (cloth < 0) continue;
-      const T b = T(rows_.line.share[row]) * rows_.size[row], a = rows_.size[row] - b;
-      T* const left = to.data() + (cloth * h + rows_.line.left[row]) * w * 3;
-      T* const right = to.data() + (cloth * h + rows_.line.right[row]) * w * 3;
-      for (int i = 0; i < 3 * w; ++i) {
-        const T x = row_[i * width + l];
-        left[i] += a * x, right[i] += b * x;
-      }
+      for (int i = 0; cloth >= 0 && i < 3 * w; ++i) lines_[(cloth * height + row) * 3 * w + i] = row_[i * width + l];
     }
+  }
+  for (int line = 0; line < int(densities_.size()) * height; ++line) {  // in the same order in bands and in lanes
+    const int cloth = line / height, row = line % height;
+    const T b = T(rows_.line.share[row]) * rows_.size[row], a = rows_.size[row] - b;
+    const T* const x = lines_.data() + line * 3 * w;
+    T* const left = to.data() + (cloth * h + rows_.line.left[row]) * w * 3;
+    T* const right = to.data() + (cloth * h + rows_.line.right[row]) * w * 3;
+    for (int i = 0; i < 3 * w; ++i) left[i] += a * x[i];
+    for (int i = 0; b != 0 && i < 3 * w; ++i) right[i] += b * x[i];
   }
   for (std::size_t i = 0; i < to.size(); ++i) to[i] *= weight_[i / 3 % weight_.size()];
 }

@@ -63,6 +63,7 @@ class PullMeans {
   std::vector<const Cubic*> paths_;     // of every number of coarse_
   std::vector<T> weight_;               // of means, over their sums
   std::vector<T> x_, v_, past_, pull_;  // of cloths, coarse rows and columns: 3 numbers
+  std::vector<T> lines_;                // of cloths and their rows, coarse columns: the same
   Plane<T> row_, force_;                // a row's coarse columns; a field
 };
 
