@@ -16,6 +16,12 @@ std::vector<T> sizes(int n, double spacing, bool closed) {
   return all;
 }
 
+// For how many times `time` [s] the forces on means are held, `most` at most.
+int hold(const Tracking& tracking, double time, int most) {
+  const double fits = kHold / (tracking.rate * std::max(1.0, 2 * tracking.damping) * time);
+  return int(std::clamp(fits, 1.0, double(most)));
+}
+
 }  // namespace
 
 Linear::Linear(const double* weights, int fine, int coarse_) : coarse(coarse_) {
@@ -46,9 +52,7 @@ PullMeans<T>::PullMeans(const Tracking& tracking, const Sheet& sheet, const Stri
       cols_(strips.turned ? Side{tracking.down, sizes<T>(sheet.rows, sheet.row_length, false)}
                           : Side{tracking.across, sizes<T>(sheet.cols, sheet.col_length, sheet.periodic)}),
       count_(substeps.count),
-      held_(substeps.held *
-            std::max(1, int(kHold * substeps.count /
-                            (tracking.rate * std::max(1.0, 2 * tracking.damping) * sheet.frame_dt * substeps.held)))),
+      held_(substeps.held * hold(tracking, sheet.frame_dt * substeps.held / substeps.count, substeps.count)),
       frame_dt_(sheet.frame_dt),
       row_(std::size_t(cols_.line.coarse) * 3 * strips.width),
       force_(strips.field, T(0)) {
