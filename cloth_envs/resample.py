@@ -67,6 +67,19 @@ def weights(source: Grid, target: Grid, kind: str = "cubic") -> tuple[np.ndarray
     return interpolate(source.rows, target.rows), columns
 
 
+def means(fine: Grid, coarse: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """Matrices for rows ``(h, H)`` and columns ``(w, W)`` that take fields of ``fine`` to local means at ``coarse``.
+
+    Weighted by area and by the hats that interpolate linearly between coarse vertices, so that spreading by these hats
+    what acts on the means acts on the cloth as a potential would.
+    """
+    edge = np.array([0.5, *np.ones(fine.rows - 2), 0.5]), np.ones(fine.cols)
+    if not fine.periodic:
+        edge[1][[0, -1]] = 0.5
+    rows, columns = (hats.T * share for hats, share in zip(weights(coarse, fine, "linear"), edge, strict=True))
+    return rows / rows.sum(1, keepdims=True), columns / columns.sum(1, keepdims=True)
+
+
 class Resampler:
     """The compiled way of float32 fields ``(B, K, H, W)`` from ``source`` to ``target``; exact at shared vertices.
 

@@ -253,6 +253,19 @@ def test_chen2020_has_the_papers_skirts() -> None:
     np.testing.assert_allclose(np.concatenate(task.apart(slow.episode)[1:]), 0, atol=1e-5)
 
 
+def test_training_never_sees_the_end_of_the_dance_that_tests_are_of() -> None:
+    spans = []
+    for sequence in range(7):
+        task: Any = load_preset("Skirt", {"name": "chen2020", "sequence": sequence})
+        world = World(task, resolution=(25, 52))
+        world.reset({0: np.random.default_rng(0)})
+        begin = float(world.episode.memory["begin"][0])
+        spans.append((begin, begin + task.frames * task.frame_dt * task.tempo))
+    assert len(set(spans)) == 7
+    assert max(end for _, end in spans[:5]) <= min(begin for begin, _ in spans[5:]) + 1e-9
+    assert max(end for _, end in spans) <= task.motion.duration + 1e-9
+
+
 def test_the_sphere_of_chen2020_crosses_back_and_forth() -> None:
     world = World("Hitting", preset={"name": "chen2020", "sequence": 3}, resolution=(28, 27))
     world.reset({0: np.random.default_rng(0)})
@@ -351,6 +364,7 @@ def test_every_preset_has_a_scene_and_the_command_takes_them(capsys: pytest.Capt
         ("Flag", {"name": "lee2019", "tangential": -1.0}, {}, ["tangential of 0 or more"]),
         ("Draping", {"name": "chen2020", "sequence": 13}, {}, ["0 to 12"]),
         ("Hitting", {"name": "chen2020", "sequence": 0.5}, {}, ["0 to 34"]),
+        ("Skirt", {"name": "chen2020", "sequence": 7}, {}, ["0 to 6"]),
         ("Pressure", {"name": "zhao2024", "mass": 3.0}, {}, ["no options"]),
         ("Pressure", "zhao2024", {"material": "silk"}, ["fixes the material", "leave material= out"]),
         ("Pressure", "zhao2024", {"randomize": {"drag": [0.1, 0.2]}}, ["fixes the randomize"]),

@@ -67,6 +67,30 @@ def test_actions_and_rewards_lead_to_their_frame(tmp_path: Path) -> None:
         np.testing.assert_array_equal(rollout.rewards(), [0, reward])
 
 
+def test_rounded_cloth_is_as_near_as_its_steps_and_smaller(tmp_path: Path) -> None:
+    env = gym.make("MiniCloth-Flag-v0").unwrapped
+    env.reset(seed=0)
+    steps = {"positions": 2.0**-17, "velocities": 2.0**-10}
+    with (
+        RolloutWriter(tmp_path / "a.h5", env) as whole,
+        RolloutWriter(tmp_path / "b.h5", env, steps=(2**-17, 2**-10)) as b,
+    ):
+        whole.begin(), b.begin()
+        for _ in range(40):
+            env.step(env.action_space.sample() * 0)
+            whole.append(env.state), b.append(env.state)
+    with Rollout.open(tmp_path / "a.h5") as kept, Rollout.open(tmp_path / "b.h5") as rounded:
+        for one, other in zip(kept.states(), rounded.states(), strict=True):
+            for name, step in steps.items():
+                got = getattr(other, name)
+                assert abs(got - getattr(one, name)).max() <= step / 2
+                assert (got / step % 1 == 0).all()
+            np.testing.assert_array_equal(one.time, other.time)
+    assert (tmp_path / "b.h5").stat().st_size < 0.5 * (tmp_path / "a.h5").stat().st_size
+    with pytest.raises(ValueError, match="leave them out to round nothing"):
+        RolloutWriter(tmp_path / "c.h5", env, steps=(0.0, 1.0))
+
+
 @pytest.mark.parametrize("version", [1, 2])
 def test_a_file_of_an_earlier_layout_still_reads(version: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """``data/rollout_layout_2.h5`` is of that package: seeds 0 and None, three actions each. 1 held float32."""

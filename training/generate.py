@@ -7,13 +7,13 @@ runs, started from the teacher again after every ``window`` frames. What is ther
 
 import hashlib
 import json
+import sys
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import partial
 from io import BytesIO
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,9 @@ from cloth_envs.state import State
 from cloth_envs.world import World
 from surrogates.miniature.coarse import CoarsePhysics, coarse_grid
 from training.cache import cache_folder
+from training.jobs import each
 from training.rollouts import Recording, record, replay, seeded_actions
+from training.superres.generate import main as synchronised
 
 HISTORY = 3  # coarse states that an upscaler may read: two of the past, and the present
 HELD_OUT_EVERY = 5  # one trajectory of so many
@@ -186,10 +188,8 @@ def generate(plan: Plan, folder: Path, count: int, workers: int = 1) -> int:
     for path in (folder / f"{k:05d}.h5" for k in wanted):
         if path.exists():
             announce(f"{path} is damaged: it is made again")
-    job = partial(write_shard, plan, folder)
-    with get_context("spawn").Pool(workers) if min(workers, len(wanted)) > 1 else nullcontext() as pool:
-        written = pool.imap_unordered(job, wanted) if pool else map(job, wanted)
-        deque(progress(written, f"{plan.scene}, new trajectories", len(wanted)), 0)
+    written = each(partial(write_shard, plan, folder), wanted, workers)
+    deque(progress(written, f"{plan.scene}, new trajectories", len(wanted)), 0)
     return len(wanted)
 
 
@@ -200,8 +200,12 @@ def data_folder(scene: str, preset: str) -> Path:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the trajectories. Returns the exit code."""
+    words = sys.argv[1:] if argv is None else argv
+    if any(word.split("=")[0] == "--pairs" for word in words):
+        return synchronised(words)
     parser = Parser(prog="minicloth generate", description=__doc__)
     parser.add_argument("scene", metavar="SCENE", help="Curtain, Flag or Collision")
+    parser.add_argument("--pairs", metavar="synchronised", help="pairs of another kind, of any scene: see its --help")
     parser.add_argument("--preset", default="lee2019", help="a preset with mass and spring as options (lee2019)")
     counts = {"trajectories": (60, "in all, with those that are there"), "frames": (100, "of each")}
     counts |= {"window": (5, "frames of a miniature run"), "workers": (1, "processes")}
@@ -209,7 +213,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.add_argument(f"--{name}", type=int, default=default, help=f"{about} (default {default})")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="folder of the files (default: in the user's cache)")
-    options = parser.parse_args(argv)
+    options = parser.parse_args(words)
     for name in counts:
         if getattr(options, name) < 1:
             parser.error(f"--{name} must be at least 1")

@@ -43,4 +43,5 @@ def teachers() -> str:
         for scene in scenes
         if {"mass", "spring"} <= set(load_preset(scene, preset).options)
     ]
-    return "usage: minicloth generate SCENE [options], where SCENE is one of\n  " + "\n  ".join(found)
+    head = "usage: minicloth generate SCENE [options], where SCENE is any with --pairs synchronised, else one of"
+    return "\n  ".join([head, *found])

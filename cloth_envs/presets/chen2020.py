@@ -34,6 +34,7 @@ END = 0.7  # m, how far from the cloth's plane the sphere turns
 CROSSING_X, CROSSING_Z = 0.35, (-0.85, -0.35)  # m, most aside and the heights below the upper edge where it crosses
 PERIODS = (2.5, 4.5)  # s, there and back
 TEMPO = 0.125  # of the recorded dances
+TESTED = 2 / 7  # of a dance, its end
 
 
 class Chen2020(Task):
@@ -160,25 +161,34 @@ class Skirt2020(Skirt):
     ## Arguments
     `preset="chen2020"`, or `preset={"name": "chen2020", "tempo": 0.5, "motion": "motions.h5:dance"}`: how fast the
     dance is (0.125), and a recorded one by file and name in place of the built-in one; see `cloth_envs.figure.motion`.
-    `resolution=(25, 52)` is the coarse skirt.
+    `"sequence"` 0 to 6 begin at a place of the dance of their own, 0 to 4 for training in its first five sevenths, 5
+    and 6 for testing in the rest, which 800 frames do not leave (-1, the default: at a random one). `resolution=(25,
+    52)` is the coarse skirt.
 
     All else is as in `Skirt`.
     """
 
     resolution = (97, 208)
-    options: ClassVar[Mapping[str, float | str]] = {"tempo": TEMPO, "motion": ""}
+    options: ClassVar[Mapping[str, float | str]] = {"tempo": TEMPO, "motion": "", "sequence": -1}
+    sequences, trained, frames = 7, 5, 800
+    sequence: ClassVar[int] = -1
     tempo = TEMPO
 
     @classmethod
     def with_options(cls, **options: Any) -> type[Task]:
-        """The task with another tempo or motion.
+        """The task with another tempo or motion, or of one ``sequence``.
 
         Raises:
-            ValueError: a tempo that is not positive, or a motion that is no ``FILE:NAME`` or not there.
+            ValueError: a tempo that is not positive, a motion that is no ``FILE:NAME`` or not there, or no sequence.
         """
         chosen = {**cls.options, **options}
         if not chosen["tempo"] > 0:
             raise ValueError(f"preset 'chen2020' needs a positive tempo, got {chosen['tempo']!r}")
+        if chosen["sequence"] not in range(-1, cls.sequences):
+            raise ValueError(
+                f"preset 'chen2020' has the sequences 0 to {cls.sequences - 1}, and -1 for none, "
+                f"got {chosen['sequence']!r}"
+            )
         motion = cls.motion
         if chosen["motion"]:
             path, _, name = chosen["motion"].rpartition(":")
@@ -190,4 +200,13 @@ class Skirt2020(Skirt):
                     f"{chosen['motion']!r}: {error}"
                 ) from error
         made = {"options": chosen, "motion": motion, "tempo": chosen["tempo"], "__doc__": cls.__doc__}
-        return type(cls.__name__, (cls,), made)
+        return type(cls.__name__, (cls,), made | {"sequence": int(chosen["sequence"])})
+
+    def begin(self, rng: np.random.Generator) -> float:
+        if self.sequence < 0:
+            return super().begin(rng)
+        span = self.frames * self.frame_dt * self.tempo
+        whole, tests = self.motion.duration, self.sequences - self.trained
+        shares = np.linspace(0.0, max(whole * (1 - TESTED) - span, 0.0), self.trained)
+        shares = np.append(shares, np.linspace(whole * (1 - TESTED), max(whole - span, whole * (1 - TESTED)), tests))
+        return float(shares[self.sequence])

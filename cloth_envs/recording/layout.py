@@ -41,6 +41,7 @@ UNITS = {
     "scalars/damping": "s",
     "scalars/drag": "1/s",
 }  # all others are pure numbers, "1"
+PACKED: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 RESET, SEEDED = 1, 2  # how a trajectory began: by a reset, and one with a seed; 0: by a change of the state
 
 
@@ -80,11 +81,18 @@ def plain(value: Any) -> Any:
 
 
 def lay_out(
-    file: h5py.File, scene: Scene, *, dtype: np.dtype, chunk: int, actions: int, about: Mapping[str, str]
+    file: h5py.File,
+    scene: Scene,
+    *,
+    dtype: np.dtype,
+    chunk: int,
+    actions: int,
+    about: Mapping[str, str],
+    steps: tuple[float, float] | None = None,
 ) -> None:
     """Create everything in an empty file, with no trajectories yet; ``dtype`` is the cloth's, ``chunk`` is in frames.
 
-    ``about`` are further attributes, as text.
+    ``about`` are further attributes, as text. With ``steps``, to which the cloth is rounded, it is compressed.
     """
     grid, bodies = scene.grid, len(scene.colliders)
     own: dict[str, Any] = {
@@ -108,7 +116,11 @@ def lay_out(
     for path, shape in shapes.items():
         if 0 not in shape:
             kind = dtype if shape in (cloth, body) else np.float64
-            _growing(file, path, (chunk if shape == cloth else SMALL_CHUNK, *shape), kind, np.nan, time=True)
+            packed = PACKED if steps and shape == cloth else {}
+            _growing(file, path, (chunk if shape == cloth else SMALL_CHUNK, *shape), kind, np.nan, time=True, **packed)
+    for paths, step in zip(CLOTH.values(), steps or (), strict=False):
+        for path in paths:
+            file[path].attrs["rounded_to"] = step
     for name in PROPERTIES:
         _growing(file, f"scalars/{name}", (), np.float64, np.nan)
     _growing(file, "seeds", (1,), np.uint64, 0)
@@ -136,12 +148,16 @@ def _texts(values: list[str]) -> np.ndarray:
     return np.array(values, h5py.string_dtype())
 
 
-def _growing(file: h5py.File, path: str, chunk: tuple[int, ...], kind: Any, fill: float, *, time: bool = False) -> None:
+def _growing(
+    file: h5py.File, path: str, chunk: tuple[int, ...], kind: Any, fill: float, *, time: bool = False, **packed: Any
+) -> None:
     """A dataset of no trajectories; ``chunk`` is the shape that is kept together of one of them, in ``time`` or not."""
     chunks = (1, *chunk) if time else (SMALL_CHUNK, *chunk)
     empty = (0, 0, *chunk[1:]) if time else (0, *chunk)
     most = (None, None, *chunk[1:]) if time else (None,) * (1 + len(chunk))
-    dataset = file.create_dataset(path, empty, kind, maxshape=most, chunks=chunks, fillvalue=fill, fletcher32=True)
+    dataset = file.create_dataset(
+        path, empty, kind, maxshape=most, chunks=chunks, fillvalue=fill, fletcher32=True, **packed
+    )
     dataset.attrs.update(units=UNITS.get(path, "1"), sample_varying=True, time_varying=time)
 
 

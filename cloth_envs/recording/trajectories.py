@@ -31,8 +31,17 @@ class Trajectories:
         OSError: it can't be written, or another program has it open; it stays as it is.
     """
 
-    def __init__(self, path: Path, scene: Scene, actions: int, about: Mapping[str, str], *, overwrite: bool) -> None:
-        self.path, self._scene, self._actions, self._about = path, scene, actions, about
+    def __init__(
+        self,
+        path: Path,
+        scene: Scene,
+        actions: int,
+        about: Mapping[str, str],
+        *,
+        overwrite: bool,
+        steps: tuple[float, float] | None = None,
+    ) -> None:
+        self.path, self._scene, self._actions, self._about, self._steps = path, scene, actions, about, steps
         if os.path.isfile(path) and not overwrite:
             raise FileExistsError(f"{path} exists and stays as it is: choose another name or pass overwrite=True")
         self._target = final_path(path)
@@ -66,7 +75,8 @@ class Trajectories:
             with h5py.File(self._image, "w", libver=("v108", "v108")):
                 pass  # a superblock that does not mark a file as open, so that any reader takes what a writer left
             self._file = file = h5py.File(self._image, "r+", libver="latest")
-            lay_out(file, self._scene, dtype=dtype, chunk=self._chunk, actions=self._actions, about=self._about)
+            own: dict[str, Any] = {"actions": self._actions, "about": self._about, "steps": self._steps}
+            lay_out(file, self._scene, dtype=dtype, chunk=self._chunk, **own)
             paths = (*CLOTH["positions"], *CLOTH["velocities"], *PATHS.values(), "actions", "scalars/reward")
             self._frames = {path: file[path] for path in paths if path in file}
             columns = (*(f"scalars/{name}" for name in PROPERTIES), "seeds", "began", "frames")

@@ -30,11 +30,13 @@ class RolloutWriter(AbstractContextManager["RolloutWriter"]):
         source: an environment of this package, or a bare ``Scene``.
         actions: how many numbers an action has; taken from an environment.
         overwrite: replace an existing file, by ``close()``: until then it stays as it is, beside ``<path>.part``.
+        steps: round positions and velocities to multiples of these [m], [m/s] and compress them, to keep much of it;
+            powers of two are kept exactly. By default nothing is rounded.
 
     Raises:
         FileExistsError: the file exists and ``overwrite`` is false; it is untouched.
         OSError: the file can't be created there, or another program has it open.
-        ValueError: an environment of another package.
+        ValueError: an environment of another package, or steps that are not positive.
     """
 
     def __init__(
@@ -44,7 +46,10 @@ class RolloutWriter(AbstractContextManager["RolloutWriter"]):
         *,
         actions: int = 0,
         overwrite: bool = False,
+        steps: tuple[float, float] | None = None,
     ) -> None:
+        if steps is not None and not all(0 < step < np.inf for step in steps):
+            raise ValueError(f"steps must be two positive numbers, got {steps!r}: leave them out to round nothing")
         self.path, about = Path(path), {"env_spec": ""}
         self.scene: Any = source if isinstance(source, Scene) else getattr(source.unwrapped, "scene", None)
         if not isinstance(self.scene, Scene):
@@ -52,7 +57,8 @@ class RolloutWriter(AbstractContextManager["RolloutWriter"]):
         if not isinstance(source, Scene):
             about = spec_texts(source)
             actions = int(np.prod(source.unwrapped.action_space.shape or ()))
-        self._file = Trajectories(self.path, self.scene, actions, about, overwrite=overwrite)
+        self._steps = dict(zip(CLOTH, steps, strict=True)) if steps else {}
+        self._file = Trajectories(self.path, self.scene, actions, about, overwrite=overwrite, steps=steps)
         self._finish = weakref.finalize(self, _close_forgotten, self._file)
         self._begun = False
         self._next: dict[str, Any] | None = None  # a trajectory without frames so far
@@ -95,7 +101,10 @@ class RolloutWriter(AbstractContextManager["RolloutWriter"]):
         arrays = state.arrays()
         parts = {path: arrays[name] for name, path in PATHS.items()}
         for name, paths in CLOTH.items():
-            parts |= {path: arrays[name][:, axis] for axis, path in enumerate(paths)}
+            field = arrays[name]
+            if name in self._steps:
+                field = (np.round(field / self._steps[name]) * self._steps[name]).astype(field.dtype)
+            parts |= {path: field[:, axis] for axis, path in enumerate(paths)}
         parts["scalars/reward"] = np.array([reward])
         if "actions" in fields:
             shape, _ = fields["actions"]

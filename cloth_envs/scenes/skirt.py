@@ -119,7 +119,7 @@ class Skirt(Task):
         return band, body.ends(joints, self.limbs, self.insets)
 
     def start(self, rng: np.random.Generator) -> Start:
-        begin = np.array([rng.uniform(0.0, self.motion.duration) if self.motion.loops else 0.0])
+        begin = np.array([self.begin(rng)])
         turn = rng.uniform(-np.pi, np.pi, 1)
         joints, _ = self.joints(np.zeros(1), begin)
         hung = self.hung().reshape(1, 3, -1).transpose(0, 2, 1)
@@ -128,6 +128,10 @@ class Skirt(Task):
         _, bodies = self.posed(joints, turn, np.zeros(1))
         memory = {"begin": begin[0], "target": np.array(rng.uniform(*TARGET))}
         return Start(positions, np.zeros_like(positions), bodies[0], memory)
+
+    def begin(self, rng: np.random.Generator) -> float:
+        """Where the dance begins [s]: anywhere where it goes round."""
+        return float(rng.uniform(0.0, self.motion.duration)) if self.motion.loops else 0.0
 
     def hung(self) -> np.ndarray:
         """The skirt at rest length about the pelvis of a dancer who faces along x, ``(3, H, W)`` [m]."""

@@ -32,6 +32,7 @@ BENCHMARKS: dict[str, str] = {
     "outside": "training.bench.outside",
     "mesh": "training.bench.mesh",
     "folds": "training.bench.folds",
+    "synchronised": "training.bench.synchronised.run",
     "endurance": "training.bench.endurance",
     "wrinkles": "training.bench.wrinkles",
     "long-runs": "training.bench.long_runs.run",

@@ -31,7 +31,8 @@ class ExplicitSolver(Solver):
     degrees in about 1.3 times as many, or, where they are stretched as well, neighbours part at over 0.3 times the
     speed of waves along threads, or something is not finite, four times those, nothing held. Handles and bodies move on
     cubics through the frame. ``crossings`` ``(B,)`` counts the pairs of triangles that crossed as the last frame began,
-    0 without self-contact.
+    0 without self-contact. ``tracking`` is what pulls the cloths along with others, aimed at every frame before it is
+    stepped, None by default.
 
     Args, beside those of ``Solver``:
         substeps: per frame, instead of the largest stable step; not below the stable number of cloth that is sheared
@@ -68,6 +69,7 @@ class ExplicitSolver(Solver):
         self._cuts = self._last = np.ones((num_envs, len(LEVELS), 2), np.int32)
         self._levels, self._parting = np.zeros(num_envs, np.int32), [np.inf] * num_envs
         self.crossings = np.zeros(num_envs, np.int32)
+        self.tracking: kernels.Tracking | None = None
         self.set_materials(range(num_envs), [scene.material] * num_envs)
 
     def check_material(self, material: Material) -> None:
@@ -132,10 +134,10 @@ class ExplicitSolver(Solver):
         given, found = (old, new, controls, self._felt), np.zeros_like(self._levels)
         self.crossings = np.zeros_like(self._levels)
         told = (self._parting, found, self.crossings)
-        speeds = self._kernel.advance(*given, self._last, *told, self._fastest, self.threads)
+        speeds = self._kernel.advance(*given, self._last, *told, self._fastest, self.threads, self.tracking)
         if speeds:
             self._last = self._cuts_of(old, controls, speeds)
-            self._kernel.advance(*given, self._last, *told, np.inf, self.threads)
+            self._kernel.advance(*given, self._last, *told, np.inf, self.threads, self.tracking)
         self._levels = found
         blown = self.scene.pressure and abs(controls.pressure).max() > BREEZE
         if blown and not np.isfinite(new.positions.sum()):

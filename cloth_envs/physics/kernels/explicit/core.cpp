@@ -9,6 +9,7 @@
 #include "../selfcontact/core.hpp"
 #include "../sheet/air.hpp"
 #include "driven.hpp"
+#include "tracking.hpp"
 
 namespace minicloth {
 namespace {
@@ -58,16 +59,6 @@ void put_slow(SlowTerms<T>& t, int l, const Material& m, const Sheet& sheet, con
   for (int k = 0; k < 3; ++k) t.wind[k][l] = air.wind[k];
 }
 
-// From substep `first` to the middle of the kicks before `end`, in substeps; a frame's first and last kick are half.
-double middle(int first, int end, int count) {
-  double all = 0, moment = 0;
-  for (int k = first; k < end; ++k) {
-    const double share = k == 0 || k == count ? 0.5 : 1;
-    all += share, moment += share * (k - first);
-  }
-  return moment / all;
-}
-
 // A field (3, H, W) of cloth `member`.
 template <class T>
 void put(const Strips<T>& s, const T* from, int member, T* field) {
@@ -85,6 +76,16 @@ bool take(const Strips<T>& s, const T* field, int member, T* to) {
 
 }  // namespace
 
+// From substep `first` to the middle of the kicks before `end`, in substeps; a frame's first and last kick are half.
+double middle(int first, int end, int count) {
+  double all = 0, moment = 0;
+  for (int k = first; k < end; ++k) {
+    const double share = k == 0 || k == count ? 0.5 : 1;
+    all += share, moment += share * (k - first);
+  }
+  return moment / all;
+}
+
 template <class T>
 Explicit<T>::Explicit(Sheet sheet, std::vector<double> sheared)
     : sheet_(std::move(sheet)),
@@ -95,7 +96,8 @@ Explicit<T>::Explicit(Sheet sheet, std::vector<double> sheared)
 
 template <class T>
 bool Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
-                          const Substeps& substeps, const std::vector<std::size_t>& members, int* crossings) const {
+                          const Substeps& substeps, const std::vector<std::size_t>& members, const Tracking* tracking,
+                          int* crossings) const {
   const auto& kernels = lanes<ExplicitLanes<T>>();
   const Strips<T>& s = members.size() > 1 ? cloths_ : bands_;
   const int width = s.width, count = substeps.count;
@@ -132,6 +134,11 @@ bool Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
   thread_local std::vector<SelfContact<T>> selves;
   if (selves.size() < folding) selves.resize(folding);
   for (std::size_t m = 0; m < folding; ++m) selves[m].begin(sheet_, s, f, int(m), count, materials[members[m]].damping);
+  std::vector<PullMeans<T>> means;
+  std::vector<PullShared<T>> shared;
+  if (tracking && tracking->means) means.emplace_back(*tracking, sheet_, s, materials, members, substeps);
+  for (std::size_t m = 0; tracking && !tracking->means && m < members.size(); ++m)
+    shared.emplace_back(*tracking, sheet_, s, materials[members[m]], members[m], int(m), count);
   thread_local Near near;
   for (int k = 0; k <= count; ++k) {
     if (slow_forces && k % held == 0) {
@@ -140,6 +147,10 @@ bool Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
       slow.trend = T(k ? (later + 0.5) / since : 0);  // velocities are half a substep old, but at a frame's start
       slow_forces(s, f, slow);
     }
+    if (tracking && !slow_forces && k % held == 0) std::fill_n(f.slow, s.field, T(0));
+    for (PullMeans<T>& pull : means)
+      if (k % held == 0) pull.step(f, k);
+    for (PullShared<T>& pull : shared) pull.step(f, k, k % held == 0);
     if (k == 0) handles.pull(f, width, 0, -h / 2);
     const int ahead = k == 0 ? 1 : k == 1 || k % kLook == 0 ? kLook - k % kLook : 0;  // substeps, 0: seen already
     if (ahead) bodies.look(k / double(count), (k + ahead) / double(count));
@@ -163,8 +174,8 @@ bool Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
 
 template <class T>
 void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
-                          const std::vector<Cuts>& cuts, int threads, const std::vector<std::size_t>& which,
-                          const int* levels, int* ends, int* crossings) const {
+                          const std::vector<Cuts>& cuts, const Tracking* tracking, int threads,
+                          const std::vector<std::size_t>& which, const int* levels, int* ends, int* crossings) const {
   // Bands fill the lanes of a large cloth; of small ones several that step alike fill them better.
   std::vector<std::vector<std::size_t>> groups;
   const std::size_t most = std::size_t(bands_.width);
@@ -184,7 +195,7 @@ void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
     found == groups.end() ? groups.push_back({i}) : found->push_back(i);
   }
   for_each_member(groups.size(), threads, [&](std::size_t g) {
-    const bool finite = advance(frames, materials, substeps(groups[g].front()), groups[g], crossings);
+    const bool finite = advance(frames, materials, substeps(groups[g].front()), groups[g], tracking, crossings);
     for (const std::size_t i : groups[g]) {
       const Frame<T>& f = frames[i];
       const bool blown = !finite && !(whole(f.x_out) && whole(f.v_out)) && whole(f.x) && whole(f.v);
@@ -212,13 +223,14 @@ int Explicit<T>::level(const T* x, const T* v, double fast) const {
 
 template <class T>
 void Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
-                          const std::vector<Cuts>& cuts, int threads, int* levels, int* crossings) const {
+                          const std::vector<Cuts>& cuts, const Tracking* tracking, int threads, int* levels,
+                          int* crossings) const {
   std::vector<std::size_t> which(frames.size());
   std::iota(which.begin(), which.end(), std::size_t(0));
   for (const std::size_t i : which) levels[i] = level(frames[i].x, frames[i].v, cuts[i].fast);
   std::vector<int> ends(frames.size());
   while (!which.empty()) {
-    advance(frames, materials, cuts, threads, which, levels, ends.data(), crossings);
+    advance(frames, materials, cuts, tracking, threads, which, levels, ends.data(), crossings);
     std::vector<std::size_t> again;
     for (const std::size_t i : which) {
       const Substeps before = cuts[i].levels[levels[i]];

@@ -79,6 +79,11 @@ struct Substeps {
   bool operator==(const Substeps& o) const { return count == o.count && held == o.held; }
 };
 
+// From substep `first` to the middle of the kicks before `end`, in substeps; a frame's first and last kick are half.
+double middle(int first, int end, int count);
+
+struct Tracking;
+
 // How a cloth's frames are cut while it is sheared by no more than each of Explicit's limits, and the speed of
 // neighbours over each other above which as by the last [m/s].
 struct Cuts {
@@ -94,9 +99,9 @@ class Explicit {
   // Frames of some cloths, each of its own material. Which of its cuts each takes is found in `levels`: that of its
   // `level` at the frame's start or, where that is higher at the end or it is not finite, of that in another go. How
   // many pairs of its triangles crossed at the start is found in `crossings`, 0 without contact with itself. Results do
-  // not depend on threads, nor on which cloths are in a batch.
+  // not depend on threads, nor on which cloths are in a batch. All are pulled along as `tracking` says, null for none.
   void advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
-               const std::vector<Cuts>& cuts, int threads, int* levels, int* crossings) const;
+               const std::vector<Cuts>& cuts, const Tracking* tracking, int threads, int* levels, int* crossings) const;
   // The largest shear of positions (3, H, W), a sine: the mean over the four corners at an inner vertex, as long as
   // edges have their lengths, where those above may count against those below, those to the left against those to the
   // right. Folded edges count for less.
@@ -111,12 +116,12 @@ class Explicit {
  private:
   // Those of `which`, each with the cuts of its level; the levels at their ends.
   void advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials,
-               const std::vector<Cuts>& cuts, int threads, const std::vector<std::size_t>& which, const int* levels,
-               int* ends, int* crossings) const;
+               const std::vector<Cuts>& cuts, const Tracking* tracking, int threads,
+               const std::vector<std::size_t>& which, const int* levels, int* ends, int* crossings) const;
   // Cloths that are alike in substeps and in whether materials are simple, in the lanes of vectors, or one in bands.
   // Whether all of them are finite then.
   bool advance(const std::vector<Frame<T>>& frames, const std::vector<Material>& materials, const Substeps& substeps,
-               const std::vector<std::size_t>& members, int* crossings) const;
+               const std::vector<std::size_t>& members, const Tracking* tracking, int* crossings) const;
   Sheet sheet_;
   std::vector<double> sheared_;
   Strips<T> bands_, cloths_;

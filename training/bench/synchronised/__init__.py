@@ -1,0 +1,1 @@
+"""``minicloth bench synchronised``: fine cloths that are pulled along with coarse ones."""
