@@ -30,10 +30,12 @@ CardSheet sheet_of(const nb::bytes& bytes) {
 template <int kStrip>
 void emulate(const CardSheet& s, const CardBatch& batch, int members, bool backwards) {
   std::vector<unsigned char> memory(LANES::Shared::bytes(s));
-  const int strips = (s.rows + kStrip - 1) / kStrip;
-  std::vector<LANES::Own<kStrip>> own(std::size_t(strips) * s.cols);
-  for (std::size_t t = 0; t < own.size(); ++t)
-    own[t].number = int(t), own[t].col = int(t) % s.cols, own[t].row = int(t) / s.cols * kStrip;
+  const int busy = (s.rows + kStrip - 1) / kStrip * s.cols;
+  std::vector<LANES::Own<kStrip>> own((busy + 31) / 32 * 32);  // whole warps
+  for (int t = 0; t < int(own.size()); ++t) {
+    own[t].number = t, own[t].col = t % s.cols, own[t].row = t / s.cols * kStrip;
+    own[t].place = t < busy ? t : busy - 1;
+  }
   for (int member = 0; member < members; ++member) {
     const LANES::Shared shared(s, memory.data(), batch.x_out + std::size_t(3) * s.rows * s.cols * member);
     LANES::Block<kStrip> block{own.data(), int(own.size()), backwards};

@@ -42,9 +42,9 @@ template <int kStrip>
 __attribute__((always_inline)) inline void get(const CardSheet& s, const CardBatch& batch, int member,
                                                Own<kStrip>& own) {
   const int n = s.rows * s.cols;
-  for_own(s, own, [&](int j, int vertex) __attribute__((always_inline)) {
-    const float* const x = batch.x + std::size_t(3) * n * member + vertex;
-    const float* const v = batch.v + std::size_t(3) * n * member + vertex;
+  for_own(s, own, [&](int j, int) __attribute__((always_inline)) {
+    const float* const x = batch.x + std::size_t(3) * n * member + vertex(s, own, j);
+    const float* const v = batch.v + std::size_t(3) * n * member + vertex(s, own, j);
     own.x[j] = {x[0], x[n], x[2 * n]}, own.v[j] = {v[0], v[n], v[2 * n]};
   });
 }
@@ -56,7 +56,7 @@ __attribute__((always_inline)) inline void run(const CardSheet& s, const CardBat
   const int count = cut[0], held = cut[1];
   const double length = s.frame_dt / count;
   const float h = float(length);
-  const float over_count = 1.0f / float(count);
+  const float over_count = 1.0f / float(count), damping = m.damping;
   float* const past = batch.v_out + std::size_t(3) * s.rows * s.cols * member;
   const bool forces = s.bends || s.air || s.pressure;
   block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
@@ -73,7 +73,7 @@ __attribute__((always_inline)) inline void run(const CardSheet& s, const CardBat
     if (anew || k == 0)
       block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
         if (anew && (s.air || s.pressure) && own.row < s.rows) blow_strip(s, shared, own);
-        for_own(s, own, [&](int j, int i) { shared.put(s, i, own.x[j], own.x[j] + m.damping * own.v[j]); });
+        for_own(s, own, [&](int j, int i) { shared.put(s, i, own.x[j], own.x[j] + damping * own.v[j]); });
       });
     const float dt = last ? h / 2 : h;
     block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
@@ -98,7 +98,7 @@ __attribute__((always_inline)) inline void run(const CardSheet& s, const CardBat
           hold(s, held, last ? 0.0f : h, own.x[j], own.v[j]);
           if (s.soft && last) own.v[j] = own.v[j] + pulled(held, way_of(held, own.x[j], held.ahead), h / 2);
         }
-        shared.put(s, i, own.x[j], own.x[j] + m.damping * own.v[j]);
+        shared.put(s, i, own.x[j], own.x[j] + damping * own.v[j]);
       });
     });
   }
@@ -115,9 +115,10 @@ __attribute__((always_inline)) inline void frame(const CardSheet& s, const CardB
     get(s, batch, member, own);
     own.held = 0;
     for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
-      const int handle = s.handles ? batch.handle_of[i] : -1;
+      const int handle = s.handles ? batch.handle_of[vertex(s, own, j)] : -1;
       if (handle >= 0) shared.put_handle(s, i, handle), own.held |= 1 << j;
     });
+    for (int i = own.number; i < s.cols; i += block.threads) shared.field[3 * n + i] = {0, 0};
     if (own.number) return;
     *shared.cloth = batch.cloths[member];
     *shared.weather = weather_of(s, batch.wind + 3 * std::size_t(member), batch.pressure[member]);
@@ -155,8 +156,8 @@ __attribute__((always_inline)) inline void frame(const CardSheet& s, const CardB
   }
   const float energy = kinetic(s, shared, block);
   block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
-    for_own(s, own, [&](int j, int vertex) __attribute__((always_inline)) {
-      const std::size_t i = first + vertex;
+    for_own(s, own, [&](int j, int) __attribute__((always_inline)) {
+      const std::size_t i = first + vertex(s, own, j);
       batch.x_out[i] = own.x[j].x, batch.x_out[i + n] = own.x[j].y, batch.x_out[i + 2 * n] = own.x[j].z;
       batch.v_out[i] = own.v[j].x, batch.v_out[i + n] = own.v[j].y, batch.v_out[i + 2 * n] = own.v[j].z;
     });

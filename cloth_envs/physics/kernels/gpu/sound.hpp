@@ -59,12 +59,13 @@ __attribute__((always_inline)) inline Sound look(const CardSheet& s, const Share
         most(longest, dot(d, d) * over_col);
         if (c > 0) most(apart, dot(w, w));
       }
+      const int up = place(s, own, j - 1), down = place(s, own, j + 1);
       if (r > 0) {
-        const V3<float> d = at - field_a(s, shared, i - s.cols), w = v - field_b(s, shared, i - s.cols);
+        const V3<float> d = at - field_a(s, shared, up), w = v - field_b(s, shared, up);
         most(longest, dot(d, d) * over_row), most(apart, dot(w, w));
       }
       if (r > 0 && r < s.rows - 1 && c > 0 && c < s.cols - 1)
-        most(shear, slant(at, field_a(s, shared, i - s.cols), field_a(s, shared, i + s.cols), field_a(s, shared, i - 1),
+        most(shear, slant(at, field_a(s, shared, up), field_a(s, shared, down), field_a(s, shared, i - 1),
                           field_a(s, shared, i + 1)));
     });
     largest(shared.slots + kShear, shear), largest(shared.slots + kApart, apart), largest(shared.slots + kBad, bad);
