@@ -24,11 +24,11 @@ from surrogates.miniature.places import Moment, Places
 from surrogates.upscale.local import Local
 from surrogates.upscale.local_features import spacing
 from surrogates.upscale.protocol import INTERPOLATIONS, Upscaler, make_upscaler
-from surrogates.upscale.tensors import layer_biases
 
 EPS, CPU = float(np.finfo(np.float32).eps), torch.device("cpu")
 N, FRAMES = 2, 10
 PLAIN = {"mend": False, "guard": False}
+ORDERS: list[dict[str, bool]] = [{}, {"backwards": True}, {"spare": True}]
 SHAPE = {"Curtain": (49, 33), "Flag": (17, 25), "Collision": (25, 17), "Pressure": (17, 17), "BallDrop": (17, 17)}
 ENDS = {
     "sphere": [[0.5, 0.0, -0.5], [0.5, 0.0, -0.5]],
@@ -76,17 +76,23 @@ def test_frames_are_those_of_the_compiled_miniature(scene: str, factor: int, dev
 
 
 def assert_same_cloth(
-    scene: Scene, handles: Handles, upscaling: Upscaler, coarse: State, controls: Controls, *, biases: Any = (),
-    gain: float = 1.0,
+    scene: Scene, handles: Handles, upscaling: Upscaler, coarse: State, controls: Controls, *,
+    bias: np.ndarray | None = None, gain: float = 1.0,
 ) -> np.ndarray:  # fmt: skip
-    """Hold ``Places`` to the kernel, for one coarse cloth, so that no chaos parts them. Returns what bodies pushed."""
+    """Hold ``Places``, whoever's turn it is first, to the processor's kernel, for one coarse cloth, so that no chaos
+    parts them. Returns what bodies pushed.
+    """
     fine = Fine(scene, handles, upscaling)
     fine.begin(coarse.batch)
     wanted = fine([coarse], controls)
-    places = Places(scene, handles, upscaling, np.arange(scene.grid.vertices), CPU)
+    vertices = np.arange(scene.grid.vertices)
+    places = [Places(scene, handles, upscaling, vertices, CPU, **order) for order in ORDERS]
     there = State(**{name: to_device(value, CPU) for name, value in coarse.arrays().items()})
     driven = [to_device(field, CPU) for field in (controls.handle_positions, controls.handle_velocities)]
-    for found, field in zip(places(Moment.of(there, driven, list(biases))), wanted, strict=True):
+    now = Moment.of(there, driven, torch.zeros(coarse.batch, 0) if bias is None else torch.from_numpy(bias))
+    ends = [each(now) for each in places]
+    assert all(torch.equal(a, b) for end in ends[1:] for a, b in zip(end, ends[0], strict=True))
+    for found, field in zip(ends[0], wanted, strict=True):
         # Numbers of up to 4, a few dozen of them summed, and a network's of a tenth of that. The kernel leaves what
         # handles are off by where it is below ROUNDING, a third of this.
         np.testing.assert_allclose(found.reshape(field.shape), field, rtol=0, atol=64 * 4 * EPS * gain)
@@ -96,12 +102,12 @@ def assert_same_cloth(
 @pytest.mark.parametrize("factor", [2, 3, 4])
 @pytest.mark.parametrize("scene", SHAPE)
 def test_the_network_says_what_the_kernel_says(scene: str, factor: int) -> None:
-    made = step(world(scene, factor=factor, scaling="closure", upscaler="local"), 3)
+    made = step(world(scene, num_envs=5, factor=factor, scaling="closure", upscaler="local"), 3)  # a block has four
     assert made.controls is not None
     miniature: Any = made.backend
     coarse, upscaling = miniature.coarse, miniature.upscaling
-    biases = layer_biases(upscaling, made.materials, range(N), CPU)
-    assert_same_cloth(miniature.scene, coarse.handles, upscaling, coarse.state, made.controls, biases=biases)
+    bias = upscaling.biases(made.materials)
+    assert_same_cloth(miniature.scene, coarse.handles, upscaling, coarse.state, made.controls, bias=bias)
 
 
 @pytest.mark.parametrize("hidden", [(), (16, 24)])
@@ -115,10 +121,10 @@ def test_networks_of_any_depth(hidden: tuple[int, ...]) -> None:
     state, controls = State.still(crumpled(coarse.grid)), Controls.hold(State.still(crumpled(scene.grid)), (0, 8))
     # Of a patch's numbers, below 4 spacings, layers amplify rounding by at most the largest sums of their weights.
     gain = np.prod([np.abs(arrays[f"weight{k}"]).sum(1).max() for k in range(len(hidden) + 1)])
-    biases = layer_biases(upscaling, materials[:1], [0] * N, CPU)
     assert_same_cloth(
-        scene, handles, upscaling, state, controls, biases=biases, gain=max(1.0, gain * spacing(coarse.grid))
-    )
+        scene, handles, upscaling, state, controls, bias=upscaling.biases(materials),
+        gain=max(1.0, gain * spacing(coarse.grid)),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("upscaler", INTERPOLATIONS)
@@ -169,7 +175,7 @@ def test_some_vertices_are_those_of_the_whole_cloth_also_of_members_that_begin_a
     for which in ([1], [2], [2, 0]):
         some, every = inner(made).state.select(torch.tensor(which)), inner(made).state
         assert (some.now is None) == (which == [1])  # of given cloths nothing is computed
-        assert some.now is None or some.now.positions.shape[-1] == len(which)
+        assert some.now is None or len(some.now.positions) == len(which)
         for name, value in some.arrays().items():
             np.testing.assert_allclose(value, getattr(every, name)[which], rtol=0, atol=32 * EPS)
     step(made)
