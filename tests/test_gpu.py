@@ -21,7 +21,9 @@ from cloth_envs.registry import make_backend
 from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.scenes.task import Task
 from cloth_envs.state import Controls, State
+from cloth_envs.tensors import to_host
 from cloth_envs.world import World
+from tests.on_tensors import DEVICES
 from tests.test_kernel_twin import GRIDS, NOTHING, SHEETS, TERMS, controls_for, crumpled, with_bodies
 
 EPS = float(np.finfo(np.float32).eps)
@@ -80,12 +82,13 @@ def test_a_frame_of_everything(grid: Grid) -> None:
     compare(scene, state, SHEETS, 1e4 * EPS)  # as the compiled kernel's
 
 
+@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("name", ["Flag", "Curtain", "Collision", "Pressure", "Hanging", "BallDrop"])
-def test_frames_of_the_scenes_are_as_exact_as_the_compiled_solvers(name: str) -> None:
+def test_frames_of_the_scenes_are_as_exact_as_the_compiled_solvers(name: str, device: str) -> None:
     """Over two frames, before chaos: as near to float64 as its float32 is, but for a few roundings."""
     world = World(name, num_envs=2, resolution=(17, 13), self_contact=False)
     world.reset({i: np.random.default_rng(40 + i) for i in range(2)})
-    card = CardSolver(world.scene, num_envs=2, device="cpu")
+    card = CardSolver(world.scene, num_envs=2, device=device)
     exact = ExplicitSolver(world.scene, num_envs=2, dtype="float64")
     for solver in (card, exact):
         solver.reset(world.state)
@@ -94,7 +97,7 @@ def test_frames_of_the_scenes_are_as_exact_as_the_compiled_solvers(name: str) ->
         world.step(rng.uniform(-1, 1, (2, len(world.task.actions))).astype(np.float32))
         got, true = card.advance(world.controls), exact.advance(world.controls)
     errors = [
-        np.sqrt(((x - true.positions) ** 2).sum(1).mean()) for x in (got.positions.numpy(), world.state.positions)
+        np.sqrt(((x - true.positions) ** 2).sum(1).mean()) for x in (to_host(got.positions), world.state.positions)
     ]
     assert errors[0] <= 3 * errors[1] + 4 * EPS * world.scene.grid.height
     for told, found in zip(got.health.tolist(), find(world.scene.grid, world.state), strict=True):

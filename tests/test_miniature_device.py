@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from surrogates.upscale.local import Local
 from surrogates.upscale.local_features import spacing
 from surrogates.upscale.protocol import INTERPOLATIONS, Upscaler, make_upscaler
 
-EPS, CPU = float(np.finfo(np.float32).eps), torch.device("cpu")
+EPS = float(np.finfo(np.float32).eps)
 N, FRAMES = 2, 10
 PLAIN = {"mend": False, "guard": False}
 ORDERS: list[dict[str, bool]] = [{}, {"backwards": True}, {"spare": True}]
@@ -76,7 +77,7 @@ def test_frames_are_those_of_the_compiled_miniature(scene: str, factor: int, dev
 
 
 def assert_same_cloth(
-    scene: Scene, handles: Handles, upscaling: Upscaler, coarse: State, controls: Controls, *,
+    scene: Scene, handles: Handles, upscaling: Upscaler, coarse: State, controls: Controls, device: str = "cpu", *,
     bias: np.ndarray | None = None, gain: float = 1.0,
 ) -> np.ndarray:  # fmt: skip
     """Hold ``Places``, whoever's turn it is first, to the processor's kernel, for one coarse cloth, so that no chaos
@@ -85,33 +86,36 @@ def assert_same_cloth(
     fine = Fine(scene, handles, upscaling)
     fine.begin(coarse.batch)
     wanted = fine([coarse], controls)
-    vertices = np.arange(scene.grid.vertices)
-    places = [Places(scene, handles, upscaling, vertices, CPU, **order) for order in ORDERS]
-    there = State(**{name: to_device(value, CPU) for name, value in coarse.arrays().items()})
-    driven = [to_device(field, CPU) for field in (controls.handle_positions, controls.handle_velocities)]
-    now = Moment.of(there, driven, torch.zeros(coarse.batch, 0) if bias is None else torch.from_numpy(bias))
+    vertices, where = np.arange(scene.grid.vertices), torch.device(device, 0)
+    places = [Places(scene, handles, upscaling, vertices, where, **order) for order in ORDERS]
+    there = State(**{name: to_device(value, where) for name, value in coarse.arrays().items()})
+    driven = [to_device(field, where) for field in (controls.handle_positions, controls.handle_velocities)]
+    biases = to_device(np.zeros((coarse.batch, 0), np.float32) if bias is None else bias, where)
+    now = Moment.of(there, driven, biases)
     ends = [each(now) for each in places]
-    assert all(torch.equal(a, b) for end in ends[1:] for a, b in zip(end, ends[0], strict=True))
-    for found, field in zip(ends[0], wanted, strict=True):
+    assert device != "cpu" or all(torch.equal(a, b) for end in ends[1:] for a, b in zip(end, ends[0], strict=True))
+    for found, field in zip(chain(*ends), len(ends) * wanted, strict=True):
         # Numbers of up to 4, a few dozen of them summed, and a network's of a tenth of that. The kernel leaves what
         # handles are off by where it is below ROUNDING, a third of this.
-        np.testing.assert_allclose(found.reshape(field.shape), field, rtol=0, atol=64 * 4 * EPS * gain)
+        np.testing.assert_allclose(to_host(found).reshape(field.shape), field, rtol=0, atol=64 * 4 * EPS * gain)
     return fine.pushed
 
 
+@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("factor", [2, 3, 4])
 @pytest.mark.parametrize("scene", SHAPE)
-def test_the_network_says_what_the_kernel_says(scene: str, factor: int) -> None:
+def test_the_network_says_what_the_kernel_says(scene: str, factor: int, device: str) -> None:
     made = step(world(scene, num_envs=5, factor=factor, scaling="closure", upscaler="local"), 3)  # a block has four
     assert made.controls is not None
     miniature: Any = made.backend
     coarse, upscaling = miniature.coarse, miniature.upscaling
     bias = upscaling.biases(made.materials)
-    assert_same_cloth(miniature.scene, coarse.handles, upscaling, coarse.state, made.controls, bias=bias)
+    assert_same_cloth(miniature.scene, coarse.handles, upscaling, coarse.state, made.controls, device, bias=bias)
 
 
+@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("hidden", [(), (16, 24)])
-def test_networks_of_any_depth(hidden: tuple[int, ...]) -> None:
+def test_networks_of_any_depth(hidden: tuple[int, ...], device: str) -> None:
     scene = Scene("sheet", Grid(13, 9, 1.0, 1.0), Material(), 0.01, handles=(0, 8))
     coarse, handles = coarse_scene(scene, 2, scene.material)
     arrays = network(hidden)
@@ -122,14 +126,15 @@ def test_networks_of_any_depth(hidden: tuple[int, ...]) -> None:
     # Of a patch's numbers, below 4 spacings, layers amplify rounding by at most the largest sums of their weights.
     gain = np.prod([np.abs(arrays[f"weight{k}"]).sum(1).max() for k in range(len(hidden) + 1)])
     assert_same_cloth(
-        scene, handles, upscaling, state, controls, bias=upscaling.biases(materials),
+        scene, handles, upscaling, state, controls, device, bias=upscaling.biases(materials),
         gain=max(1.0, gain * spacing(coarse.grid)),
     )  # fmt: skip
 
 
+@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("upscaler", INTERPOLATIONS)
 @pytest.mark.parametrize("body", ENDS)
-def test_handles_pull_and_bodies_push_as_the_kernel_has_it(body: str, upscaler: str) -> None:
+def test_handles_pull_and_bodies_push_as_the_kernel_has_it(body: str, upscaler: str, device: str) -> None:
     grid, rng = Grid(13, 9, 1.0, 1.0), np.random.default_rng(0)
     radius = 0.0 if body == "plane" else 0.2
     bodies = (Collider(body, radius), Collider("sphere", 0.2))
@@ -143,7 +148,7 @@ def test_handles_pull_and_bodies_push_as_the_kernel_has_it(body: str, upscaler: 
     controls = Controls.hold(State.still(crumpled(grid), state.colliders), scene.handles)
     controls.handle_positions += rng.normal(0, 0.05, controls.handle_positions.shape)
     controls.handle_velocities[:] = rng.normal(size=controls.handle_velocities.shape)
-    pushed = assert_same_cloth(scene, handles, make_upscaler(upscaler, coarse, scene, 3), state, controls)
+    pushed = assert_same_cloth(scene, handles, make_upscaler(upscaler, coarse, scene, 3), state, controls, device)
     assert (pushed > 0).all()
 
 

@@ -78,7 +78,8 @@ class Kernel:
         self._device, self._threads, self._memory = device, threads, memory
         told = "".join(f"#define MINICLOTH_{key} {value}\n" for key, value in macros.items())
         self._kernel = _compiled(name, PRELUDE + told + text, device)
-        self._kernel.max_dynamic_shared_size_bytes = max(memory, self._kernel.max_dynamic_shared_size_bytes)
+        with _cupy().cuda.Device(device.index):
+            self._kernel.max_dynamic_shared_size_bytes = max(memory, self._kernel.max_dynamic_shared_size_bytes)
 
     def run(self, fields: Sequence[int], blocks: int) -> None:
         """Launch ``blocks`` of it after what torch's present stream holds; ``fields`` are its arguments."""

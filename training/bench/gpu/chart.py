@@ -55,9 +55,11 @@ def draw(rows: Mapping[str, Sequence[Any]], folder: Path, setup: str) -> None:
 
 
 def _learning(axes: Any, rows: Sequence[LearnRow]) -> None:
-    for number, scene in enumerate(dict.fromkeys(r.scene for r in rows)):
-        mine = [r for r in rows if r.scene == scene]
-        axes.plot([r.seconds for r in mine], [r.reward for r in mine], color=COLORS[number], lw=1.3)
-        axes.annotate(scene, (mine[-1].seconds, mine[-1].reward), fontsize=7.5, color=INK, ha="right", va="bottom")
+    scenes = list(dict.fromkeys(r.scene for r in rows))
+    for scene, device in dict.fromkeys((r.scene, r.device) for r in rows):
+        mine, color = [r for r in rows if (r.scene, r.device) == (scene, device)], COLORS[scenes.index(scene)]
+        axes.plot([r.seconds for r in mine], [r.reward for r in mine], color=color, lw=1.3)
+        told = f"{scene}, {mine[-1].members} members on {device.split(' @')[0]}"
+        axes.annotate(told, (mine[-1].seconds, mine[-1].reward), fontsize=6.5, color=INK, ha="right", va="bottom")
     dress(axes, "PPO (64 x 64): reward a frame")
     axes.set_xlabel("seconds", fontsize=7.5, color=INK)
