@@ -34,7 +34,7 @@ SOUND, SHARE = {"members": 4096, "steps": 500_000}, {"Flag": 10, "Collision": 6}
 LEARNING = ("Flag",)
 # Members and how PPO goes over their episodes: thousands on a card, few and often on the processor.
 CARD = 1024, Recipe(updates=30, epochs=4, minibatch=8192, rate=2e-3)
-PROCESSOR = 32, Recipe(updates=40, minibatch=400)
+PROCESSOR = 32, Recipe(updates=30, minibatch=400)
 SEED = 6000
 
 

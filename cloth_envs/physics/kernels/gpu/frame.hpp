@@ -123,35 +123,39 @@ __attribute__((always_inline)) inline void frame(const CardSheet& s, const CardB
     *shared.cloth = batch.cloths[member];
     *shared.weather = weather_of(s, batch.wind + 3 * std::size_t(member), batch.pressure[member]);
   });
-  const Sound before = look(s, shared, block);
-  double speed = before.speed;
-  const auto faster = [&](double v) { speed = (v < 0 ? -v : v) > speed ? (v < 0 ? -v : v) : speed; };
-  for (int h = 0; h < s.handles; ++h)
-    for (int k = 0; k < 3; ++k) {
-      const std::size_t i = 3 * (std::size_t(member) * s.handles + h) + k;
-      faster(batch.handle_v[i]), faster((batch.handle_x[i] - batch.x[first + k * n + batch.handles[h]]) / s.frame_dt);
+  // What drives it may be faster than what it has at first.
+  const Sound before = look(s, shared, block, [&](int number) {
+    double speed = 0;
+    const auto faster = [&](double v) { speed = (v < 0 ? -v : v) > speed ? (v < 0 ? -v : v) : speed; };
+    for (int h = number; h < 3 * s.handles; h += block.threads) {
+      const std::size_t i = std::size_t(3) * s.handles * member + h;
+      faster(batch.handle_v[i]);
+      faster((batch.handle_x[i] - batch.x[first + h % 3 * n + batch.handles[h / 3]]) / s.frame_dt);
     }
-  for (std::size_t b = std::size_t(6) * s.bodies * member; b < std::size_t(6) * s.bodies * (member + 1); ++b) {
-    faster(batch.body_v[b]), faster(batch.body_v_end[b]);
-    faster((batch.body_x_end[b] - batch.body_x[b]) / s.frame_dt);
-  }
+    for (int c = number; c < 6 * s.bodies; c += block.threads) {
+      const std::size_t i = std::size_t(6) * s.bodies * member + c;
+      faster(batch.body_v[i]), faster(batch.body_v_end[i]);
+      faster((batch.body_x_end[i] - batch.body_x[i]) / s.frame_dt);
+    }
+    return float(speed);
+  });
   const double stretch = before.strain > 0 ? 1 + before.strain : 1, p = batch.pressure[member];
   int level = level_of(s, m, before), cut[2];
   Sound after;
   for (;;) {
-    cut_for(s, m, level, speed, (p < 0 ? -p : p) * stretch, cut);
+    cut_for(s, m, level, before.speed, (p < 0 ? -p : p) * stretch, cut);
 #if !defined(MINICLOTH_ONLY_YIELDING)
     if (m.simple) run<true>(s, batch, member, cut, shared, block);
 #endif
 #if !defined(MINICLOTH_ONLY_SIMPLE)
     if (!m.simple) run<false>(s, batch, member, cut, shared, block);
 #endif
-    after = look(s, shared, block);
+    after = look(s, shared, block, [](int) { return 0.0f; });
     const int end = !after.finite && before.finite ? kLevels - 1 : level_of(s, m, after);
     if (end <= level) break;
     int next[2];
     level = end;
-    cut_for(s, m, level, speed, (p < 0 ? -p : p) * stretch, next);
+    cut_for(s, m, level, before.speed, (p < 0 ? -p : p) * stretch, next);
     if (next[0] == cut[0] && next[1] == cut[1]) break;
   }
   const float energy = kinetic(s, shared, block);

@@ -34,9 +34,11 @@ struct Sound {
   float shear, apart, strain, speed;  // a sine, m/s, 1, m/s
 };
 
-// Of positions and velocities, which are in shared memory as `a` and `b` then.
-template <int kStrip>
-__attribute__((always_inline)) inline Sound look(const CardSheet& s, const Shared& shared, Block<kStrip>& block) {
+// Of positions and velocities, which are in shared memory as `a` and `b` then. Other speeds that count are those that
+// each thread is told of by its number.
+template <int kStrip, class Others>
+__attribute__((always_inline)) inline Sound look(const CardSheet& s, const Shared& shared, Block<kStrip>& block,
+                                                 const Others& others) {
   block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
     if (own.number == 0)
       for (int k = 0; k < Shared::kSums; ++k) shared.slots[k % kSlots] = 0, shared.sums[k] = 0;
@@ -45,7 +47,7 @@ __attribute__((always_inline)) inline Sound look(const CardSheet& s, const Share
   block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
     const float over_row = float(1 / (s.row_length * s.row_length)),
                 over_col = float(1 / (s.col_length * s.col_length));
-    float shear = 0, apart = 0, bad = 0, longest = 0, speed = 0;
+    float shear = 0, apart = 0, bad = 0, longest = 0, speed = others(own.number);
     const auto most = [](float& found, float value) { found = value > found ? value : found; };
     for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
       const int r = own.row + j, c = own.col;
