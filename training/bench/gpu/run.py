@@ -30,7 +30,7 @@ BACKENDS: dict[str, dict[str, Any]] = {
     "cnn": {"backend": "cnn"},
     "miniature x4": {"backend": "miniature", "backend_kwargs": {"factor": 4}},
 }
-SOUND, SHARE = {"members": 4096, "steps": 500_000}, {"Flag": 10, "Collision": 6}  # times as many of cheap scenes
+SOUND, SHARE = {"members": 4096, "steps": 500_000}, {"Flag": 14, "Collision": 6}  # times as many of cheap scenes
 LEARNING = ("Flag",)
 # Members and how PPO goes over their episodes: thousands on a card, few and often on the processor.
 CARD = 1024, Recipe(updates=30, epochs=4, minibatch=8192, rate=2e-3)
