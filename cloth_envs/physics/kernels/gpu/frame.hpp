@@ -93,11 +93,15 @@ __attribute__((always_inline)) inline void run(const CardSheet& s, const CardBat
         V3<float> x = start + dt * own.v[j];
         keep_out(s, shared, start, x, own.v[j]);
         if (!last) own.x[j] = x;
-        if (s.handles && own.held >> j & 1) {
+      });
+      if (s.handles && own.held)
+        for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
+          if (!(own.held >> j & 1)) return;
           const Held& held = shared.handle(s, i);
           hold(s, held, last ? 0.0f : h, own.x[j], own.v[j]);
           if (s.soft && last) own.v[j] = own.v[j] + pulled(held, way_of(held, own.x[j], held.ahead), h / 2);
-        }
+        });
+      for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
         shared.put(s, i, own.x[j], own.x[j] + damping * own.v[j]);
       });
     });
