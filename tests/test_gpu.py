@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import _minicloth_kernels as kernels
 import gymnasium as gym
@@ -16,6 +17,7 @@ from cloth_envs.material import Material
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.gpu.card import MOST_THREADS, plan
 from cloth_envs.physics.gpu.solver import CardSolver
+from cloth_envs.physics.gpu.terms import cloths_of
 from cloth_envs.physics.laws.step import step
 from cloth_envs.registry import make_backend
 from cloth_envs.scene import Air, Collider, Scene
@@ -127,6 +129,31 @@ def test_what_is_fast_is_stepped_in_shorter_steps_that_hold_nothing() -> None:
     want = reference.advance(controls).positions
     assert fast[0] >= reference.last_cuts[1, 0]
     assert abs(solver.state.positions.numpy() - want).max() < 2e-3 * 0.6  # of 0.6 m in other steps: to first order in h
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_frame_that_is_lost_in_too_long_steps_is_stepped_again(
+    order: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if it had been stepped in short ones at once: nothing is left of the first time."""
+    scene = Scene("again", Grid(17, 13, 1.0, 1.0), Material(), 0.04, handles=(0, 1), air=Air())
+    state = crumpled(scene.grid, 2, 0.02).astype("float32")
+    state.velocities[:] = 0
+    ends = []
+    for first, last in ((20, 200), (200, 200), (20, 20)):
+
+        def cut(*given: Any, cuts: tuple[int, int] = (first, last)) -> np.ndarray:
+            cloths = cloths_of(*given)
+            cloths["cuts"] = [(count, 1) for count in (cuts[0], *cuts)]
+            return cloths
+
+        monkeypatch.setattr("cloth_envs.physics.gpu.solver.cloths_of", cut)
+        ends.append(on_card(scene, state, [Material()] * 2, Controls.hold(state, scene.handles), **order))
+    again, once, lost = ends
+    assert not lost.state.health[:, 0].any()
+    assert again.last_cuts[:, 0].tolist() == [200, 200]
+    np.testing.assert_array_equal(again.state.positions, once.state.positions)
+    np.testing.assert_array_equal(again.state.velocities, once.state.velocities)
 
 
 def test_a_cloth_that_is_not_finite_is_told() -> None:

@@ -27,14 +27,19 @@ template <int kStrip>
 inline int layer(const CardSheet& s, int j) {
   return (j * ((s.rows - 1) / kStrip + 1) - (j > whole<kStrip>(s) ? j - whole<kStrip>(s) : 0)) * s.cols;
 }
-// Where what lies q rows below a thread's first vertex is; beyond the first and the last row anything, a number.
+// Whether there is a row q below a thread's first one. Most are there for all threads.
+template <int kStrip>
+inline bool there(const CardSheet& s, const Own<kStrip>& own, int q) {
+  return (q >= 0 || own.row + q >= 0) && (q < whole<kStrip>(s) || own.row + q < s.rows);
+}
+// Where what lies q rows below a thread's first vertex is; that vertex itself beyond the first and the last row.
 template <int kStrip>
 __attribute__((always_inline)) inline int place(const CardSheet& s, const Own<kStrip>& own, int q) {
   const int strips = (q + 2 * kStrip) / kStrip - 2;
   const int at = own.place + strips * s.cols + layer<kStrip>(s, q - strips * kStrip);
-  return (q < 0 && own.row + q < 0) || (q >= kStrip && own.row + q >= s.rows) ? own.place : at;
+  return there(s, own, q) ? at : own.place;
 }
-// Whether a row and the one above it are there, and whether rows on both sides of it are. Most are for all threads.
+// Whether it and the one above it are there, and whether rows on both sides of it are.
 template <int kStrip>
 inline bool linked(const CardSheet& s, const Own<kStrip>& own, int q) {
   return (q > 0 || own.row + q > 0) && (q < whole<kStrip>(s) || own.row + q < s.rows);

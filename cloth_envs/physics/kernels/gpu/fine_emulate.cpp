@@ -52,6 +52,7 @@ void bind_drawn(nb::module_& m) {
         std::vector<LANES::Four> memory(LANES::Drawn::bytes(s, cells, LANES::kCloths) / sizeof(LANES::Four) + 1);
         LANES::Crew crew{backwards};
         for (std::size_t first = 0; first < batch.members; first += LANES::kCloths) {
+          std::memset(memory.data(), 0xff, memory.size() * sizeof memory[0]);  // NaN, as emulate.cpp
           float* const spare = s.spare ? batch.said + 3 * LANES::kSaid * cells * first : nullptr;
           const LANES::Drawn drawn(s, reinterpret_cast<unsigned char*>(memory.data()), spare);
           LANES::fine(s, batch, first, drawn, crew);

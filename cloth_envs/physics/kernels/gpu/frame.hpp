@@ -122,7 +122,6 @@ __attribute__((always_inline)) inline void frame(const CardSheet& s, const CardB
       const int handle = s.handles ? batch.handle_of[vertex(s, own, j)] : -1;
       if (handle >= 0) shared.put_handle(s, i, handle), own.held |= 1 << j;
     });
-    for (int i = own.number; i < s.cols; i += block.threads) shared.field[3 * n + i] = {0, 0};
     if (own.number) return;
     *shared.cloth = batch.cloths[member];
     *shared.weather = weather_of(s, batch.wind + 3 * std::size_t(member), batch.pressure[member]);

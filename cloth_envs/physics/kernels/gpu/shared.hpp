@@ -50,7 +50,7 @@ enum Slot { kShear, kApart, kBad, kStrain, kSpeed, kSlots };
 struct Shared {
   Cell* cells;  // of every vertex, whose upper left corner it is; none without air and pressure
   Driven* driven;
-  Pair* field;  // (3, H W), and room of zeros where a row below the last one would be
+  Pair* field;  // (3, H W)
   float* slow;  // (3, H W), forces that are held [N]; each is one thread's own
   Held* held;
   int* slots;   // Slot
@@ -63,7 +63,7 @@ struct Shared {
 
   static std::size_t cells_of(const CardSheet& s) { return s.air || s.pressure ? std::size_t(s.rows) * s.cols : 0; }
   static std::size_t slow_of(const CardSheet& s) { return s.spare ? 0 : 3 * std::size_t(s.rows) * s.cols; }
-  static std::size_t field_of(const CardSheet& s) { return (3 * std::size_t(s.rows) + 1) * s.cols; }
+  static std::size_t field_of(const CardSheet& s) { return 3 * std::size_t(s.rows) * s.cols; }
   // `spare` is where the cloth's positions at the frame's end will be.
   Shared(const CardSheet& s, unsigned char* memory, float* spare)
       : cells(reinterpret_cast<Cell*>(memory)),

@@ -39,7 +39,7 @@ struct Sum {
 
 // Of a thread's vertices: springs, of positions `a` and later ones `b` in shared memory, the held forces and weight
 // change velocities. Row by row the neighbours to the left and right are read once, for the vertices above, beside and
-// below. Nothing branches: an edge that is not there pulls with 0, and vertices below the last row are nobody's.
+// below. Nothing branches: an edge that is not there pulls with 0, and vertices below the last row rest at the origin.
 template <bool kSimple, int kStrip>
 __attribute__((always_inline)) inline void kick_strip(const CardSheet& s, const Shared& shared, const Kick& kick,
                                                       Own<kStrip>& own) {
@@ -80,7 +80,7 @@ __attribute__((always_inline)) inline void kick_strip(const CardSheet& s, const 
       const float rate = kick.accelerate * (inner(s, own, j) ? area : 2 * area);
       const V3<float> force = (sums[0].to - sums[0].over * above.a) + shared.force(s, place(s, own, j));
       const V3<float> v = kick.decay * own.v[j] + rate * force;
-      own.v[j] = {v.x, v.y, v.z - kick.fall};
+      if (there(s, own, j)) own.v[j] = {v.x, v.y, v.z - kick.fall};
     }
     in_order();
     above = beside, beside = below;
