@@ -92,7 +92,7 @@ class DeviceWorld(World):
         self.episode.action = action
         self._frames = to_device(self.frames, self.device)
         there: dict[str, Any] = state.arrays()
-        self._seen = State(**{name: value.clone() for name, value in there.items()})
+        self._seen = State(**{name: value.clone().contiguous() for name, value in there.items()})
         self._health = health_of(state, self.scene.grid).clone()
         self._energy = self._health[:, 2].clone()  # before the frame
         self._drive, self._judge = OneLaunch(self._driven, self.device), OneLaunch(self._judged, self.device)
@@ -107,15 +107,13 @@ class DeviceWorld(World):
         for name in [field.name for field in fields(State)]:
             if self._watched is None or name not in ("positions", "velocities"):
                 getattr(self._seen, name)[members] = getattr(state, name)[members]
-        if self._watched is not None:
+        if self._watched is not None and isinstance(members, slice):
+            state.put(self._watched[0], self._seen)
+        elif self._watched is not None:
             vertices, index = self._watched
-            some = state if isinstance(members, slice) else state.select(members)
-            for name, value in zip(("positions", "velocities"), some.at(vertices), strict=True):
+            for name, value in zip(("positions", "velocities"), state.select(members).at(vertices), strict=True):
                 seen = getattr(self._seen, name).flatten(2)
-                if isinstance(members, slice):
-                    seen.index_copy_(2, index, value)
-                else:
-                    seen[members] = seen[members].index_copy_(2, index, value)
+                seen[members] = seen[members].index_copy_(2, index, value)
         self._health[members] = health_of(state, self.scene.grid)[members]
         self._observed: Any = None
 

@@ -15,7 +15,7 @@ from cloth_envs.failure import find
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Collider, Scene
-from cloth_envs.state import Controls, State
+from cloth_envs.state import Cloth, Controls, State
 from cloth_envs.tensors import to_device, to_host
 from cloth_envs.world import World
 from surrogates.miniature.coarse import coarse_scene
@@ -162,6 +162,11 @@ def test_some_vertices_are_those_of_the_whole_cloth_also_of_members_that_begin_a
             assert some.shape == (4, 3, 30)
             # Rows of the same matrices, by columns in another order: a few dozen numbers below 1 are summed.
             np.testing.assert_allclose(some, whole.flatten(2)[:, :, vertices], rtol=0, atol=32 * EPS)
+        cloth = Cloth(*(torch.full_like(field, np.nan) for field in (state.positions, state.velocities)))
+        state.put(vertices, cloth)
+        for field, some in zip(cloth, state.at(vertices), strict=True):
+            assert torch.equal(field.flatten(2)[:, :, vertices], some)
+            assert field.isnan().sum() == field.numel() - some.numel()  # and nothing else is written
 
     assert_same()
     handle = made.scene.pins[0]  # of which a network says nothing

@@ -99,6 +99,9 @@ class Places:
         counts = np.array([len(vertices), len(cells), *(len(at) for at, _ in matrices)], np.int32)
         self._before = [self._put(array) for array in (counts, bodies_of(scene).view(np.uint8))]
         self._weights = self._put(packed(layers))
+        count = len(vertices)
+        self._side_by_side = count, self._put(np.arange(count, dtype=np.int32))
+        self._among_all = scene.grid.vertices, self._put(vertices.astype(np.int32))
         self._after = [self._put(array) for array in (cells, free, *(part for pair in matrices for part in pair))]
         self._cells, self._cloths = len(cells), CLOTHS[0]
         self._kernel = self._compile() if device.type == "cuda" else None
@@ -131,17 +134,24 @@ class Places:
 
     def __call__(self, now: Moment) -> tuple[Tensor, Tensor]:
         """Positions [m] and velocities [m/s], ``(B, 3, K)``."""
+        x, v = (torch.empty(len(now.positions), 3, len(self.vertices), device=self._device) for _ in range(2))
+        self._write(now, x, v, *self._side_by_side)
+        return x, v
+
+    def put(self, now: Moment, positions: Tensor, velocities: Tensor) -> None:
+        """Write the same where it is in whole cloths, ``(B, 3, H, W)`` float32, contiguous."""
+        self._write(now, positions, velocities, *self._among_all)
+
+    def _write(self, now: Moment, x: Tensor, v: Tensor, room: int, places: Tensor) -> None:
         batch, device = len(now.positions), self._device
-        x, v = (torch.empty(batch, 3, len(self.vertices), device=device) for _ in range(2))
         said = torch.empty(batch if self._sheet["spare"][0] else 0, 3 * NODES * self._cells, device=device)
         *given, bias = now
-        tensors = [*self._before, *given, self._weights, bias, *self._after, x, v, said]
-        fields = [batch, *(tensor.data_ptr() for tensor in tensors)]
+        tensors = [*self._before, *given, self._weights, bias, *self._after, places, x, v, said]
+        fields = [batch, room, *(tensor.data_ptr() for tensor in tensors)]
         if self._kernel is not None:
             self._kernel.run(fields, -(-batch // self._cloths))
         else:
             kernels.emulate_fine(self._sheet.tobytes(), fields, self._backwards)
-        return x, v
 
 
 def _matrices(

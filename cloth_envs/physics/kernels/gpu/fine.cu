@@ -1,13 +1,14 @@
 // The entry of fine.hpp: a block for every kCloths of them.
 extern "C" __global__ void __launch_bounds__(MINICLOTH_THREADS)
-    minicloth_fine(std::size_t members, const int* counts, const minicloth::CardBody* bodies, const float* x,
-                   const float* v, const double* driven, const double* driving, const float* body_x,
+    minicloth_fine(std::size_t members, std::size_t room, const int* counts, const minicloth::CardBody* bodies,
+                   const float* x, const float* v, const double* driven, const double* driving, const float* body_x,
                    const float* body_v, const float* weights, const float* bias, const int* cells, const float* free,
                    const int* base_at, const float* base_by, const int* speeds_at, const float* speeds_by,
-                   const int* said_at, const float* said_by, const int* held_at, const float* held_by, float* x_out,
-                   float* v_out, float* said) {
+                   const int* said_at, const float* said_by, const int* held_at, const float* held_by,
+                   const int* places, float* x_out, float* v_out, float* said) {
   using namespace minicloth;
   const FineBatch batch = {members,
+                           room,
                            counts,
                            bodies,
                            x,
@@ -24,6 +25,7 @@ extern "C" __global__ void __launch_bounds__(MINICLOTH_THREADS)
                            {speeds_at, speeds_by},
                            {said_at, said_by},
                            {held_at, held_by},
+                           places,
                            x_out,
                            v_out,
                            said};

@@ -235,9 +235,9 @@ __attribute__((always_inline)) inline void fine(const FineSheet& s, const FineBa
     for (int c = 0; c < kCloths; ++c) {
       if (c >= here) break;
       keep_off(s, b, first + c, b.free[k], at[c], speed[c]);
-      const std::size_t to = 3 * wanted * (first + c) + k;
-      b.x_out[to] = at[c].x, b.x_out[to + wanted] = at[c].y, b.x_out[to + 2 * wanted] = at[c].z;
-      b.v_out[to] = speed[c].x, b.v_out[to + wanted] = speed[c].y, b.v_out[to + 2 * wanted] = speed[c].z;
+      const std::size_t to = 3 * b.room * (first + c) + b.places[k];
+      b.x_out[to] = at[c].x, b.x_out[to + b.room] = at[c].y, b.x_out[to + 2 * b.room] = at[c].z;
+      b.v_out[to] = speed[c].x, b.v_out[to + b.room] = speed[c].y, b.v_out[to + 2 * b.room] = speed[c].z;
     }
   });
 }

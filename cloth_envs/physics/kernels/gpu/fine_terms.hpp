@@ -22,8 +22,8 @@ struct Sparse {
 
 // A batch. Cloths (B, 3, h, w), handles (B, N, 3), bodies (B, C, 2, 3); m, m/s.
 struct FineBatch {
-  std::size_t members;
-  const int* counts;  // K vertices that are wanted, cells that a network sees, the most entries of each matrix
+  std::size_t members, room;  // room: vertices of a cloth in x_out, of which K are written
+  const int* counts;          // K vertices that are wanted, cells that a network sees, the most entries of each matrix
   const CardBody* bodies;
   const float *x, *v;
   const double *driven, *driving;
@@ -33,7 +33,8 @@ struct FineBatch {
   const int* cells;                    // the places in the continued sheet of the cells' patches
   const float* free;                   // (K,), 0 of a handle that is put where it is driven, else 1
   Sparse base, speeds, said_by, held;  // of padded positions, velocities, what the network says, handles
-  float *x_out, *v_out;                // (B, 3, K)
+  const int* places;                   // (K,), where in x_out each goes
+  float *x_out, *v_out;                // (B, 3, room)
   float* said;                         // (B, 27 cells) if `spare`
 };
 
