@@ -103,18 +103,19 @@ class DeviceWorld(World):
 
         Of a cloth that is computed when it is read only what the task watches, if that is told.
         """
-        state: Any = self.episode.state
+        whole = isinstance(members, slice)
+        state: Any = self.episode.state if whole else selected(self.episode.state, members)
         for name in [field.name for field in fields(State)]:
             if self._watched is None or name not in ("positions", "velocities"):
-                getattr(self._seen, name)[members] = getattr(state, name)[members]
-        if self._watched is not None and isinstance(members, slice):
+                getattr(self._seen, name)[members] = getattr(state, name)
+        if self._watched is not None and whole:
             state.put(self._watched[0], self._seen)
         elif self._watched is not None:
             vertices, index = self._watched
-            for name, value in zip(("positions", "velocities"), state.select(members).at(vertices), strict=True):
+            for name, value in zip(("positions", "velocities"), state.at(vertices), strict=True):
                 seen = getattr(self._seen, name).flatten(2)
                 seen[members] = seen[members].index_copy_(2, index, value)
-        self._health[members] = health_of(state, self.scene.grid)[members]
+        self._health[members] = health_of(state, self.scene.grid)
         self._observed: Any = None
 
     def _as_seen(self) -> Episode:

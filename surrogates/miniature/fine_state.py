@@ -63,7 +63,8 @@ class FineState(LazyState):
 
     def put(self, vertices: np.ndarray, cloth: Cloth | State) -> None:
         """Write what ``at`` gives where it is in a whole ``cloth``, of contiguous float32 tensors."""
-        places, there = self._at(vertices), (cloth.positions, cloth.velocities)
+        places = self._at(vertices)
+        there: Any = cloth.positions, cloth.velocities
         if self.now is not None:
             places.put(self.now, *there)
         if self.given is not None:
