@@ -42,11 +42,11 @@ __attribute__((always_inline)) inline int place(const CardSheet& s, const Own<kS
 // Whether it and the one above it are there, and whether rows on both sides of it are.
 template <int kStrip>
 inline bool linked(const CardSheet& s, const Own<kStrip>& own, int q) {
-  return (q > 0 || own.row + q > 0) && (q < whole<kStrip>(s) || own.row + q < s.rows);
+  return there(s, own, q - 1) && there(s, own, q);
 }
 template <int kStrip>
 inline bool inner(const CardSheet& s, const Own<kStrip>& own, int q) {
-  return (q > 0 || own.row + q > 0) && (q < whole<kStrip>(s) - 1 || own.row + q < s.rows - 1);
+  return there(s, own, q - 1) && there(s, own, q + 1);
 }
 // Its j-th vertex, as the batch numbers them.
 template <int kStrip>
