@@ -92,7 +92,7 @@ class DeviceWorld(World):
         self.episode.action = action
         self._frames = to_device(self.frames, self.device)
         there: dict[str, Any] = state.arrays()
-        self._seen = State(**{name: value.clone() for name, value in there.items()})
+        self._seen = State(**{name: value.clone().contiguous() for name, value in there.items()})
         self._health = health_of(state, self.scene.grid).clone()
         self._energy = self._health[:, 2].clone()  # before the frame
         self._drive, self._judge = OneLaunch(self._driven, self.device), OneLaunch(self._judged, self.device)
@@ -103,20 +103,19 @@ class DeviceWorld(World):
 
         Of a cloth that is computed when it is read only what the task watches, if that is told.
         """
-        state: Any = self.episode.state
+        whole = isinstance(members, slice)
+        state: Any = self.episode.state if whole else selected(self.episode.state, members)
         for name in [field.name for field in fields(State)]:
             if self._watched is None or name not in ("positions", "velocities"):
-                getattr(self._seen, name)[members] = getattr(state, name)[members]
-        if self._watched is not None:
+                getattr(self._seen, name)[members] = getattr(state, name)
+        if self._watched is not None and whole:
+            state.put(self._watched[0], self._seen)
+        elif self._watched is not None:
             vertices, index = self._watched
-            some = state if isinstance(members, slice) else state.select(members)
-            for name, value in zip(("positions", "velocities"), some.at(vertices), strict=True):
+            for name, value in zip(("positions", "velocities"), state.at(vertices), strict=True):
                 seen = getattr(self._seen, name).flatten(2)
-                if isinstance(members, slice):
-                    seen.index_copy_(2, index, value)
-                else:
-                    seen[members] = seen[members].index_copy_(2, index, value)
-        self._health[members] = health_of(state, self.scene.grid)[members]
+                seen[members] = seen[members].index_copy_(2, index, value)
+        self._health[members] = health_of(state, self.scene.grid)
         self._observed: Any = None
 
     def _as_seen(self) -> Episode:

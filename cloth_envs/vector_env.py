@@ -197,10 +197,14 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
 
     def _of_frame(self, which: np.ndarray) -> dict[str, np.ndarray]:
         """What the backend tells of the last frame of members ``which``, bool ``(B,)``."""
-        guarded, crossings, error = self.world.guarded & which, self.world.crossings * which, self.world.measured_error
-        known = which & ~np.isnan(error)
-        told = _told("guard", guarded, guarded) | _told("crossings_at_start", crossings, crossings > 0)
-        return told | _told("measured_error", np.where(known, error, 0.0), known)
+        told: dict[str, np.ndarray] = {}
+        if (guarded := self.world.guarded).any():
+            told |= _told("guard", guarded & which, guarded & which)
+        if (crossings := self.world.crossings).any():
+            told |= _told("crossings_at_start", crossings * which, (crossings > 0) & which)
+        if not (unknown := np.isnan(error := self.world.measured_error)).all():
+            told |= _told("measured_error", np.where(which & ~unknown, error, 0.0), which & ~unknown)
+        return told
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that decides the future, as arrays; see ``ClothEnv.get_state``."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import _minicloth_kernels as kernels
 import gymnasium as gym
@@ -16,12 +17,15 @@ from cloth_envs.material import Material
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.gpu.card import MOST_THREADS, plan
 from cloth_envs.physics.gpu.solver import CardSolver
+from cloth_envs.physics.gpu.terms import cloths_of
 from cloth_envs.physics.laws.step import step
 from cloth_envs.registry import make_backend
 from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.scenes.task import Task
 from cloth_envs.state import Controls, State
+from cloth_envs.tensors import to_host
 from cloth_envs.world import World
+from tests.on_tensors import DEVICES
 from tests.test_kernel_twin import GRIDS, NOTHING, SHEETS, TERMS, controls_for, crumpled, with_bodies
 
 EPS = float(np.finfo(np.float32).eps)
@@ -80,12 +84,13 @@ def test_a_frame_of_everything(grid: Grid) -> None:
     compare(scene, state, SHEETS, 1e4 * EPS)  # as the compiled kernel's
 
 
+@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("name", ["Flag", "Curtain", "Collision", "Pressure", "Hanging", "BallDrop"])
-def test_frames_of_the_scenes_are_as_exact_as_the_compiled_solvers(name: str) -> None:
+def test_frames_of_the_scenes_are_as_exact_as_the_compiled_solvers(name: str, device: str) -> None:
     """Over two frames, before chaos: as near to float64 as its float32 is, but for a few roundings."""
     world = World(name, num_envs=2, resolution=(17, 13), self_contact=False)
     world.reset({i: np.random.default_rng(40 + i) for i in range(2)})
-    card = CardSolver(world.scene, num_envs=2, device="cpu")
+    card = CardSolver(world.scene, num_envs=2, device=device)
     exact = ExplicitSolver(world.scene, num_envs=2, dtype="float64")
     for solver in (card, exact):
         solver.reset(world.state)
@@ -94,7 +99,7 @@ def test_frames_of_the_scenes_are_as_exact_as_the_compiled_solvers(name: str) ->
         world.step(rng.uniform(-1, 1, (2, len(world.task.actions))).astype(np.float32))
         got, true = card.advance(world.controls), exact.advance(world.controls)
     errors = [
-        np.sqrt(((x - true.positions) ** 2).sum(1).mean()) for x in (got.positions.numpy(), world.state.positions)
+        np.sqrt(((x - true.positions) ** 2).sum(1).mean()) for x in (to_host(got.positions), world.state.positions)
     ]
     assert errors[0] <= 3 * errors[1] + 4 * EPS * world.scene.grid.height
     for told, found in zip(got.health.tolist(), find(world.scene.grid, world.state), strict=True):
@@ -124,6 +129,31 @@ def test_what_is_fast_is_stepped_in_shorter_steps_that_hold_nothing() -> None:
     want = reference.advance(controls).positions
     assert fast[0] >= reference.last_cuts[1, 0]
     assert abs(solver.state.positions.numpy() - want).max() < 2e-3 * 0.6  # of 0.6 m in other steps: to first order in h
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_frame_that_is_lost_in_too_long_steps_is_stepped_again(
+    order: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if it had been stepped in short ones at once: nothing is left of the first time."""
+    scene = Scene("again", Grid(17, 13, 1.0, 1.0), Material(), 0.04, handles=(0, 1), air=Air())
+    state = crumpled(scene.grid, 2, 0.02).astype("float32")
+    state.velocities[:] = 0
+    ends = []
+    for first, last in ((20, 200), (200, 200), (20, 20)):
+
+        def cut(*given: Any, cuts: tuple[int, int] = (first, last)) -> np.ndarray:
+            cloths = cloths_of(*given)
+            cloths["cuts"] = [(count, 1) for count in (cuts[0], *cuts)]
+            return cloths
+
+        monkeypatch.setattr("cloth_envs.physics.gpu.solver.cloths_of", cut)
+        ends.append(on_card(scene, state, [Material()] * 2, Controls.hold(state, scene.handles), **order))
+    again, once, lost = ends
+    assert not lost.state.health[:, 0].any()
+    assert again.last_cuts[:, 0].tolist() == [200, 200]
+    np.testing.assert_array_equal(again.state.positions, once.state.positions)
+    np.testing.assert_array_equal(again.state.velocities, once.state.velocities)
 
 
 def test_a_cloth_that_is_not_finite_is_told() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from cloth_envs.failure import find
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Collider, Scene
-from cloth_envs.state import Controls, State
+from cloth_envs.state import Cloth, Controls, State
 from cloth_envs.tensors import to_device, to_host
 from cloth_envs.world import World
 from surrogates.miniature.coarse import coarse_scene
@@ -24,11 +25,11 @@ from surrogates.miniature.places import Moment, Places
 from surrogates.upscale.local import Local
 from surrogates.upscale.local_features import spacing
 from surrogates.upscale.protocol import INTERPOLATIONS, Upscaler, make_upscaler
-from surrogates.upscale.tensors import layer_biases
 
-EPS, CPU = float(np.finfo(np.float32).eps), torch.device("cpu")
+EPS = float(np.finfo(np.float32).eps)
 N, FRAMES = 2, 10
 PLAIN = {"mend": False, "guard": False}
+ORDERS: list[dict[str, bool]] = [{}, {"backwards": True}, {"spare": True}]
 SHAPE = {"Curtain": (49, 33), "Flag": (17, 25), "Collision": (25, 17), "Pressure": (17, 17), "BallDrop": (17, 17)}
 ENDS = {
     "sphere": [[0.5, 0.0, -0.5], [0.5, 0.0, -0.5]],
@@ -76,36 +77,45 @@ def test_frames_are_those_of_the_compiled_miniature(scene: str, factor: int, dev
 
 
 def assert_same_cloth(
-    scene: Scene, handles: Handles, upscaling: Upscaler, coarse: State, controls: Controls, *, biases: Any = (),
-    gain: float = 1.0,
+    scene: Scene, handles: Handles, upscaling: Upscaler, coarse: State, controls: Controls, device: str = "cpu", *,
+    bias: np.ndarray | None = None, gain: float = 1.0,
 ) -> np.ndarray:  # fmt: skip
-    """Hold ``Places`` to the kernel, for one coarse cloth, so that no chaos parts them. Returns what bodies pushed."""
+    """Hold ``Places``, whoever's turn it is first, to the processor's kernel, for one coarse cloth, so that no chaos
+    parts them. Returns what bodies pushed.
+    """
     fine = Fine(scene, handles, upscaling)
     fine.begin(coarse.batch)
     wanted = fine([coarse], controls)
-    places = Places(scene, handles, upscaling, np.arange(scene.grid.vertices), CPU)
-    there = State(**{name: to_device(value, CPU) for name, value in coarse.arrays().items()})
-    driven = [to_device(field, CPU) for field in (controls.handle_positions, controls.handle_velocities)]
-    for found, field in zip(places(Moment.of(there, driven, list(biases))), wanted, strict=True):
+    vertices, where = np.arange(scene.grid.vertices), torch.device(device, 0)
+    places = [Places(scene, handles, upscaling, vertices, where, **order) for order in ORDERS]
+    there = State(**{name: to_device(value, where) for name, value in coarse.arrays().items()})
+    driven = [to_device(field, where) for field in (controls.handle_positions, controls.handle_velocities)]
+    biases = to_device(np.zeros((coarse.batch, 0), np.float32) if bias is None else bias, where)
+    now = Moment.of(there, driven, biases)
+    ends = [each(now) for each in places]
+    assert device != "cpu" or all(torch.equal(a, b) for end in ends[1:] for a, b in zip(end, ends[0], strict=True))
+    for found, field in zip(chain(*ends), len(ends) * wanted, strict=True):
         # Numbers of up to 4, a few dozen of them summed, and a network's of a tenth of that. The kernel leaves what
         # handles are off by where it is below ROUNDING, a third of this.
-        np.testing.assert_allclose(found.reshape(field.shape), field, rtol=0, atol=64 * 4 * EPS * gain)
+        np.testing.assert_allclose(to_host(found).reshape(field.shape), field, rtol=0, atol=64 * 4 * EPS * gain)
     return fine.pushed
 
 
+@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("factor", [2, 3, 4])
 @pytest.mark.parametrize("scene", SHAPE)
-def test_the_network_says_what_the_kernel_says(scene: str, factor: int) -> None:
-    made = step(world(scene, factor=factor, scaling="closure", upscaler="local"), 3)
+def test_the_network_says_what_the_kernel_says(scene: str, factor: int, device: str) -> None:
+    made = step(world(scene, num_envs=5, factor=factor, scaling="closure", upscaler="local"), 3)  # a block has four
     assert made.controls is not None
     miniature: Any = made.backend
     coarse, upscaling = miniature.coarse, miniature.upscaling
-    biases = layer_biases(upscaling, made.materials, range(N), CPU)
-    assert_same_cloth(miniature.scene, coarse.handles, upscaling, coarse.state, made.controls, biases=biases)
+    bias = upscaling.biases(made.materials)
+    assert_same_cloth(miniature.scene, coarse.handles, upscaling, coarse.state, made.controls, device, bias=bias)
 
 
+@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("hidden", [(), (16, 24)])
-def test_networks_of_any_depth(hidden: tuple[int, ...]) -> None:
+def test_networks_of_any_depth(hidden: tuple[int, ...], device: str) -> None:
     scene = Scene("sheet", Grid(13, 9, 1.0, 1.0), Material(), 0.01, handles=(0, 8))
     coarse, handles = coarse_scene(scene, 2, scene.material)
     arrays = network(hidden)
@@ -115,15 +125,16 @@ def test_networks_of_any_depth(hidden: tuple[int, ...]) -> None:
     state, controls = State.still(crumpled(coarse.grid)), Controls.hold(State.still(crumpled(scene.grid)), (0, 8))
     # Of a patch's numbers, below 4 spacings, layers amplify rounding by at most the largest sums of their weights.
     gain = np.prod([np.abs(arrays[f"weight{k}"]).sum(1).max() for k in range(len(hidden) + 1)])
-    biases = layer_biases(upscaling, materials[:1], [0] * N, CPU)
     assert_same_cloth(
-        scene, handles, upscaling, state, controls, biases=biases, gain=max(1.0, gain * spacing(coarse.grid))
-    )
+        scene, handles, upscaling, state, controls, device, bias=upscaling.biases(materials),
+        gain=max(1.0, gain * spacing(coarse.grid)),
+    )  # fmt: skip
 
 
+@pytest.mark.parametrize("device", DEVICES)
 @pytest.mark.parametrize("upscaler", INTERPOLATIONS)
 @pytest.mark.parametrize("body", ENDS)
-def test_handles_pull_and_bodies_push_as_the_kernel_has_it(body: str, upscaler: str) -> None:
+def test_handles_pull_and_bodies_push_as_the_kernel_has_it(body: str, upscaler: str, device: str) -> None:
     grid, rng = Grid(13, 9, 1.0, 1.0), np.random.default_rng(0)
     radius = 0.0 if body == "plane" else 0.2
     bodies = (Collider(body, radius), Collider("sphere", 0.2))
@@ -137,7 +148,7 @@ def test_handles_pull_and_bodies_push_as_the_kernel_has_it(body: str, upscaler: 
     controls = Controls.hold(State.still(crumpled(grid), state.colliders), scene.handles)
     controls.handle_positions += rng.normal(0, 0.05, controls.handle_positions.shape)
     controls.handle_velocities[:] = rng.normal(size=controls.handle_velocities.shape)
-    pushed = assert_same_cloth(scene, handles, make_upscaler(upscaler, coarse, scene, 3), state, controls)
+    pushed = assert_same_cloth(scene, handles, make_upscaler(upscaler, coarse, scene, 3), state, controls, device)
     assert (pushed > 0).all()
 
 
@@ -151,6 +162,11 @@ def test_some_vertices_are_those_of_the_whole_cloth_also_of_members_that_begin_a
             assert some.shape == (4, 3, 30)
             # Rows of the same matrices, by columns in another order: a few dozen numbers below 1 are summed.
             np.testing.assert_allclose(some, whole.flatten(2)[:, :, vertices], rtol=0, atol=32 * EPS)
+        cloth = Cloth(*(torch.full_like(field, np.nan) for field in (state.positions, state.velocities)))
+        state.put(vertices, cloth)
+        for field, some in zip(cloth, state.at(vertices), strict=True):
+            assert torch.equal(field.flatten(2)[:, :, vertices], some)
+            assert field.isnan().sum() == field.numel() - some.numel()  # and nothing else is written
 
     assert_same()
     handle = made.scene.pins[0]  # of which a network says nothing
@@ -169,7 +185,7 @@ def test_some_vertices_are_those_of_the_whole_cloth_also_of_members_that_begin_a
     for which in ([1], [2], [2, 0]):
         some, every = inner(made).state.select(torch.tensor(which)), inner(made).state
         assert (some.now is None) == (which == [1])  # of given cloths nothing is computed
-        assert some.now is None or some.now.positions.shape[-1] == len(which)
+        assert some.now is None or len(some.now.positions) == len(which)
         for name, value in some.arrays().items():
             np.testing.assert_allclose(value, getattr(every, name)[which], rtol=0, atol=32 * EPS)
     step(made)

@@ -59,7 +59,21 @@ class FineState(LazyState):
 
     def at(self, vertices: np.ndarray) -> Cloth:
         """Positions [m] and velocities [m/s] of some ``vertices`` ``(K,)``, numbers in NumPy: ``(B, 3, K)`` each."""
-        return self._some(self._places(np.ascontiguousarray(vertices, np.int64).tobytes()))
+        return self._some(self._at(vertices))
+
+    def put(self, vertices: np.ndarray, cloth: Cloth | State) -> None:
+        """Write what ``at`` gives where it is in a whole ``cloth``, of contiguous float32 tensors."""
+        places = self._at(vertices)
+        there: Any = cloth.positions, cloth.velocities
+        if self.now is not None:
+            places.put(self.now, *there)
+        if self.given is not None:
+            index = torch.tensor(self.given.members, device=places.vertices.device)[:, None]
+            for field, given in zip(there, self.given[1:], strict=True):
+                field.flatten(2).transpose(1, 2)[index, places.vertices] = given.flatten(2)[..., places.vertices].mT
+
+    def _at(self, vertices: np.ndarray) -> Places:
+        return self._places(np.ascontiguousarray(vertices, np.int64).tobytes())
 
     def select(self, which: Any) -> "FineState":
         """A copy of some members, a tensor of their numbers: only their cloth will be computed."""

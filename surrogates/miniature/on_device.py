@@ -1,4 +1,4 @@
-"""The miniature of thousands of members on a device: the coarse cloth by ``CardSolver``, the fine one in torch."""
+"""The miniature of thousands of members on a device: the coarse cloth by ``CardSolver``, the fine one by ``Places``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -19,7 +19,6 @@ from surrogates.miniature.backend import MiniatureBackend
 from surrogates.miniature.fine_state import FineState, Given
 from surrogates.miniature.places import Moment, Places
 from surrogates.upscale.local import Local
-from surrogates.upscale.tensors import layer_biases
 
 PLANS = 16  # sets of vertices whose matrices are kept
 
@@ -55,7 +54,8 @@ class MiniatureOnDevice:
         self._follows = self._put(self._handles.follows.astype(np.int64))
         self._materials: list[Material | None] = [None] * self.num_envs
         self._coarse = [coarse.material] * self.num_envs
-        self._biases: list[Tensor] = []
+        outputs = sum(map(len, self.upscaling.weights)) if isinstance(self.upscaling, Local) else 0
+        self._bias = torch.zeros(self.num_envs, outputs, device=self.device)
         self._told = np.full(self.num_envs, self._tell(self.scene.material), object)
         self._state: FineState | None = None
         self._places = lru_cache(PLANS)(self._make_places)
@@ -135,17 +135,15 @@ class MiniatureOnDevice:
         for i, material in zip(members, chosen, strict=True):
             self._materials[i], (_, self._told[i], self._coarse[i]) = material, found[material]
         if isinstance(self.upscaling, Local):
-            each = layer_biases(self.upscaling, list(found), [found[m][0] for m in chosen], self.device)
-            index = self._put(np.array(members))
-            old = self._biases or [torch.empty(len(new), self.num_envs, device=self.device) for new in each]
-            self._biases = [was.index_copy(1, index, new) for was, new in zip(old, each, strict=True)]
+            each = self.upscaling.biases(list(found))[[found[m][0] for m in chosen]]
+            self._bias = self._bias.index_copy(0, self._put(np.array(members)), self._put(each))
 
     def advance(self, controls: Controls) -> FineState:
         """One frame; the fine cloth is computed when it is read."""
         positions, velocities = self._put(controls.handle_positions), self._put(controls.handle_velocities)
         followed: Any = positions[:, self._follows] + self._offsets, velocities[:, self._follows]
         now = self.solver.advance(replace(controls, handle_positions=followed[0], handle_velocities=followed[1]))
-        self._show(now.health, Moment.of(now, (positions, velocities), self._biases), None)
+        self._show(now.health, Moment.of(now, (positions, velocities), self._bias), None)
         return self.state
 
     def _show(self, health: Any, now: Moment | None, given: Given | None) -> None:

@@ -1,36 +1,48 @@
-"""Some vertices of fine cloths out of coarse ones, in torch: upscaled, put where they are driven, outside all bodies.
+"""Some vertices of fine cloths out of coarse ones: upscaled, put where they are driven, outside all bodies.
 
-What upscales and what handles do is linear but for the network, and so becomes one matrix each before anything moves:
-of the coarse vertices, of what a network says of the cells, of the handles.
+What interpolates and what handles do is linear, and so becomes one sparse matrix each before anything moves: of the
+coarse vertices, of what a network says of the cells, of the handles. ``kernels/gpu/fine.hpp`` applies them.
 """
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import _minicloth_kernels as kernels
 import numpy as np
 import torch
 from scipy.sparse import csr_array, diags_array
 from torch import Tensor
 
-from cloth_envs.scene import Collider, Scene
+from cloth_envs.physics.gpu.card import Kernel, most_memory
+from cloth_envs.physics.gpu.terms import as_literal, bodies_of
+from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from surrogates.miniature.fine import REACH
 from surrogates.miniature.handles import Handles
-from surrogates.upscale.local import Local
+from surrogates.upscale.local import LAYERS, Local
+from surrogates.upscale.local_features import LIMIT, NODES, spacing
+from surrogates.upscale.matrices import base, entries, interpolation, nodes, packed
 from surrogates.upscale.protocol import Upscaler
-from surrogates.upscale.tensors import CellNet, Product, base, interpolation, nodes
 
-TINY = 1e-20
+FINE = np.dtype(
+    [(name, np.int32) for name in ("rows", "cols", "handles", "bodies", "layers")]
+    + [("widths", np.int32, (LAYERS + 1,)), ("spare", np.int32)]
+    + [(name, np.float64) for name in ("spacing", "limit", "reach")],
+    align=True,
+)  # ``FineSheet`` of kernels/gpu/fine_terms.hpp
+THREADS, CLOTHS = 128, (4, 2, 1)  # of a block; as many cloths as leave memory for SHARED blocks of a multiprocessor
+SHARED = 4
+Matrix = tuple[np.ndarray, np.ndarray]
 
 
 class Moment(NamedTuple):
-    """Coarse cloths at the end of a frame and what fine ones need beside them, the batch last.
+    """Coarse cloths at the end of a frame and what fine ones need beside them.
 
     Attributes:
-        positions, velocities: ``(3, h w, B)`` of the coarse cloth.
-        driven, driving: ``(3, N, B)``, positions and velocities of the fine handles.
-        bodies, moving: ``(C, 2, 3, B)``, their ends and velocities.
-        biases: of each layer of a network, ``(n, B)``.
+        positions, velocities: ``(B, 3, h, w)`` of the coarse cloth.
+        driven, driving: ``(B, N, 3)`` float64, positions and velocities of the fine handles.
+        bodies, moving: ``(B, C, 2, 3)``, their ends and velocities.
+        bias: of all layers of a network, ``(B, n)``.
     """
 
     positions: Tensor
@@ -39,85 +51,138 @@ class Moment(NamedTuple):
     driving: Tensor
     bodies: Tensor
     moving: Tensor
-    biases: list[Tensor]
+    bias: Tensor
 
     @classmethod
-    def of(cls, coarse: State, handles: Sequence[Tensor], biases: list[Tensor]) -> "Moment":
+    def of(cls, coarse: State, handles: Sequence[Tensor], bias: Tensor) -> "Moment":
         """From a state in tensors, and positions and velocities of the fine handles, ``(B, N, 3)``."""
         there: Any = coarse.positions, coarse.velocities, coarse.colliders, coarse.collider_velocities
-        x, v = (field.flatten(2).permute(1, 2, 0).contiguous() for field in there[:2])
-        driven, driving = (field.float().permute(2, 1, 0).contiguous() for field in handles)
-        bodies, moving = (field.permute(1, 2, 3, 0).contiguous() for field in there[2:])
-        return cls(x, v, driven, driving, bodies, moving, biases)
+        x, v, bodies, moving = (field.float().contiguous() for field in there)
+        driven, driving = (field.double().contiguous() for field in handles)
+        return cls(x, v, driven, driving, bodies, moving, bias)
 
     def select(self, which: Tensor) -> "Moment":
         """A copy of some members."""
-        x, v, driven, driving, bodies, moving = (field.index_select(-1, which) for field in self[:-1])
-        biases = [bias.index_select(-1, which) for bias in self.biases]
-        return Moment(x, v, driven, driving, bodies, moving, biases)
+        return Moment(*(field.index_select(0, which) for field in self))
 
 
 class Places:
     """Vertices ``(K,)`` of fine cloths of ``scene``, as ``fine.Fine`` makes them without mending, guard and folds.
 
-    What firm handles are off by is always shared with the vertices near them, however little it is.
+    What firm handles are off by is always shared with the vertices near them, however little it is. On the processor
+    the kernel is emulated thread by thread.
 
-    Attributes:
-        vertices: as a tensor. scene: of the fine cloth.
+    Args:
+        scene: of the fine cloth. handles: how the coarse one follows. upscaling: from coarse to fine.
+        vertices: their numbers. device: where.
+        backwards: emulated threads take turns from the last.
+        spare: what a network says waits in memory of its own, as it does where a block's is too little for it.
+
+    Raises:
+        ValueError: a coarse cloth that does not fit into the memory that a block's threads share.
+        ImportError: CuPy is missing; names the extra.
     """
 
     def __init__(
-        self, scene: Scene, handles: Handles, upscaling: Upscaler, vertices: np.ndarray, device: torch.device
-    ) -> None:
-        self.scene, self.vertices = scene, torch.tensor(vertices, dtype=torch.int64, device=device)
-        count, firm = scene.grid.vertices, np.array(scene.handles, np.intp)[handles.firm]
-        free = np.ones(count, np.float32)
-        free[firm] = 0.0
-        # What is left of upscaling where handles are put and pull, and what comes from the handles instead.
-        near, guides = handles.near, handles.guides
-        pulls = csr_array((handles.pull, (near, firm[guides])), (count, count))
-        kept = csr_array((diags_array(free, format="csr") - pulls)[vertices])
-        held = csr_array((np.ones(len(firm)), (firm, handles.firm)), (count, len(scene.handles)))
-        follows = csr_array((handles.pull, (near, handles.firm[guides])), held.shape)
-        self._driven = Product(csr_array((held + follows)[vertices]), device)
-        coarse, fine = upscaling.coarse.grid, upscaling.fine.grid
-        self._base = Product(csr_array(kept @ base(upscaling)), device)
-        self._speeds = Product(csr_array(kept @ interpolation(coarse, fine, upscaling.kind)), device)
-        self._free = torch.tensor(free[vertices, None], device=device)
-        self._net: CellNet | None = None
-        if isinstance(upscaling, Local):
-            said = csr_array(kept @ nodes(upscaling))
-            wanted = np.unique(said.indices)
-            self._nodes = Product(csr_array(said[:, wanted]), device)
-            self._net = CellNet(upscaling, wanted, device) if len(wanted) else None
+        self, scene: Scene, handles: Handles, upscaling: Upscaler, vertices: np.ndarray, device: torch.device,
+        *, backwards: bool = False, spare: bool = False,
+    ) -> None:  # fmt: skip
+        self.scene, self._device, self._backwards = scene, device, backwards
+        self.vertices = torch.tensor(vertices, dtype=torch.int64, device=device)
+        free, matrices, cells = _matrices(scene, handles, upscaling, vertices)
+        layers = upscaling.weights if isinstance(upscaling, Local) else []
+        widths = [layer.shape[1] for layer in layers[:1]] + [len(layer) for layer in layers]
+        grid = upscaling.coarse.grid
+        told = (*grid.shape, len(scene.handles), len(scene.colliders), len(layers))
+        widths += [0] * (LAYERS + 1 - len(widths))
+        self._sheet = np.array([(*told, widths, spare, spacing(grid), LIMIT, REACH)], FINE)
+        counts = np.array([len(vertices), len(cells), *(len(at) for at, _ in matrices)], np.int32)
+        self._before = [self._put(array) for array in (counts, bodies_of(scene).view(np.uint8))]
+        self._weights = self._put(packed(layers))
+        count = len(vertices)
+        self._side_by_side = count, self._put(np.arange(count, dtype=np.int32))
+        self._among_all = scene.grid.vertices, self._put(vertices.astype(np.int32))
+        self._after = [self._put(array) for array in (cells, free, *(part for pair in matrices for part in pair))]
+        self._cells, self._cloths = len(cells), CLOTHS[0]
+        self._kernel = self._compile() if device.type == "cuda" else None
+
+    def _put(self, array: np.ndarray) -> Tensor:
+        return torch.as_tensor(np.ascontiguousarray(array)).to(self._device)
+
+    def _compile(self) -> Kernel:
+        def memory(cloths: int) -> int:
+            return kernels.fine_memory(self._sheet.tobytes(), self._cells, cloths)
+
+        most = most_memory(self._device)
+        self._cloths = next((cloths for cloths in CLOTHS if memory(cloths) <= most // SHARED), 1)
+        self._sheet["spare"] |= memory(1) > most
+        if memory(1) > most:
+            rows, cols = self._sheet["rows"][0], self._sheet["cols"][0]
+            raise ValueError(
+                f"a coarse cloth of {rows} x {cols} vertices needs {memory(1)} bytes of the memory that a block of "
+                f"threads shares, the card has {most}: use a larger factor, or device='cpu'"
+            )
+        macros: dict[str, object] = {
+            "THREADS": THREADS,
+            "CLOTHS": self._cloths,
+            "WIDEST": int(max(1, *self._sheet["widths"][0])),
+        }
+        macros["SHEET"] = as_literal(self._sheet)
+        return Kernel(
+            "minicloth_fine", kernels.fine_text(), macros, self._device, threads=THREADS, memory=memory(self._cloths)
+        )
 
     def __call__(self, now: Moment) -> tuple[Tensor, Tensor]:
         """Positions [m] and velocities [m/s], ``(B, 3, K)``."""
-        x = self._base(now.positions).add_(self._driven(now.driven))
-        v = self._speeds(now.velocities).add_(self._driven(now.driving))
-        if self._net is not None:
-            x.add_(self._nodes(self._net(now.positions, now.biases)))
-        bodies = list(enumerate(self.scene.colliders))
-        for number, body in bodies * min(2, len(bodies)):
-            normal, gap, _ = self._meet(body, now.bodies[number], now.moving[number], x)
-            x.addcmul_(normal, gap.neg_().clamp_(min=0.0).mul_(self._free))
-        for number, body in bodies:
-            normal, gap, carried = self._meet(body, now.bodies[number], now.moving[number], x)
-            into = ((v - carried) * normal).sum(0).clamp_(max=0.0).mul_(self._free).mul_(gap < REACH)
-            v.addcmul_(normal, into, value=-1.0)
-        return x.permute(2, 0, 1).contiguous(), v.permute(2, 0, 1).contiguous()
+        x, v = (torch.empty(len(now.positions), 3, len(self.vertices), device=self._device) for _ in range(2))
+        self._write(now, x, v, *self._side_by_side)
+        return x, v
 
-    def _meet(self, body: Collider, ends: Tensor, moving: Tensor, x: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Outward normals, gaps to the surface ``(K, B)`` and velocities of a body at ``x`` ``(3, K, B)``."""
-        first, second = ends[:, :, None]
-        radius = body.radius + self.scene.thickness
-        if body.kind == "plane":
-            return second, ((x - first) * second).sum(0) - radius, moving[0][:, None]
-        axis = second - first
-        place = (((x - first) * axis).sum(0) / (axis.square().sum(0) + TINY)).clamp_(0.0, 1.0)
-        away = x - torch.addcmul(first, place, axis)
-        distance = torch.linalg.vector_norm(away, dim=0)
-        up = (distance == 0).to(x.dtype)  # from the axis itself
-        normal = away / (distance + up)
-        normal[2].add_(up)
-        return normal, distance - radius, moving[0][:, None] + place * (moving[1] - moving[0])[:, None]
+    def put(self, now: Moment, positions: Tensor, velocities: Tensor) -> None:
+        """Write the same where it is in whole cloths, ``(B, 3, H, W)`` float32, contiguous."""
+        self._write(now, positions, velocities, *self._among_all)
+
+    def _write(self, now: Moment, x: Tensor, v: Tensor, room: int, places: Tensor) -> None:
+        batch, device = len(now.positions), self._device
+        said = torch.empty(batch if self._sheet["spare"][0] else 0, 3 * NODES * self._cells, device=device)
+        *given, bias = now
+        tensors = [*self._before, *given, self._weights, bias, *self._after, places, x, v, said]
+        fields = [batch, room, *(tensor.data_ptr() for tensor in tensors)]
+        if self._kernel is not None:
+            self._kernel.run(fields, -(-batch // self._cloths))
+        else:
+            kernels.emulate_fine(self._sheet.tobytes(), fields, self._backwards)
+
+
+def _matrices(
+    scene: Scene, handles: Handles, upscaling: Upscaler, vertices: np.ndarray
+) -> tuple[np.ndarray, list[Matrix], np.ndarray]:
+    """Which vertices are free, ``(K,)``; ``entries`` of positions, velocities, what is said, and handles; the cells.
+
+    As the kernel has them: positions of the coarse cloth continued all around, what is said node by node of the cells
+    that count, each of which is where its patch begins.
+    """
+    count, firm = scene.grid.vertices, np.array(scene.handles, np.intp)[handles.firm]
+    free = np.ones(count, np.float32)
+    free[firm] = 0.0
+    # What is left of upscaling where handles are put and pull, and what comes from the handles instead.
+    near, guides = handles.near, handles.guides
+    pulls = csr_array((handles.pull, (near, firm[guides])), (count, count))
+    kept = csr_array((diags_array(free, format="csr") - pulls)[vertices])
+    held = csr_array((np.ones(len(firm)), (firm, handles.firm)), (count, len(scene.handles)))
+    follows = csr_array((handles.pull, (near, handles.firm[guides])), held.shape)
+    said = csr_array(kept @ nodes(upscaling)) if isinstance(upscaling, Local) else csr_array((len(vertices), 0))
+    cells, slot = np.unique(said.indices // NODES, return_inverse=True)
+    by_node = (said.data, said.indices % NODES * 3 * len(cells) + slot, said.indptr)
+    coarse, fine = upscaling.coarse.grid, upscaling.fine.grid
+    wide = coarse.cols + 2
+    inside = np.add.outer(np.arange(1, coarse.rows + 1) * wide, np.arange(1, coarse.cols + 1)).ravel()
+    at, by = entries(csr_array(kept @ base(upscaling)))
+    matrices = [
+        (inside[at].astype(np.int32), by),
+        entries(csr_array(kept @ interpolation(coarse, fine, upscaling.kind))),
+        entries(csr_array(by_node, (len(vertices), 3 * NODES * len(cells)))),
+        entries(csr_array((held + follows)[vertices])),
+    ]
+    corner = np.add.outer(np.arange(coarse.rows - 1) * wide, np.arange(coarse.cols - 1)).ravel()
+    return free[vertices], matrices, corner[cells].astype(np.int32)

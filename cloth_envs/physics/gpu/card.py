@@ -1,6 +1,6 @@
 """How a frame gets onto a card, or is emulated where there is none."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -8,12 +8,11 @@ import _minicloth_kernels as kernels
 import numpy as np
 
 from cloth_envs.extras import missing
-from cloth_envs.physics.gpu.terms import SHEET, as_literal
+from cloth_envs.physics.gpu.terms import as_literal
 
 if TYPE_CHECKING:
     import torch
 
-ENTRY = "minicloth_frame"
 MOST_THREADS, WARP, REGISTERS = 1024, 32, 65536  # of a block; of a multiprocessor
 SMALL, LONGEST = 512, 16  # vertices of a sheet, of a thread
 OPTIONS = ("--std=c++17", "-default-device", "--ftz=true", "--prec-div=false", "--prec-sqrt=false")
@@ -66,6 +65,32 @@ def plan(rows: int, cols: int, memory: int, most_memory: int) -> Plan:
     return Plan(strip, threads(strip), blocks if threads(strip) <= most else 1)
 
 
+class Kernel:
+    """A kernel ``name`` of ``text``, compiled for ``device`` with ``macros``; blocks share ``memory`` [bytes].
+
+    Raises:
+        ImportError: CuPy is missing; names the extra.
+    """
+
+    def __init__(
+        self, name: str, text: str, macros: Mapping[str, object], device: "torch.device", *, threads: int, memory: int
+    ) -> None:
+        self._device, self._threads, self._memory = device, threads, memory
+        told = "".join(f"#define MINICLOTH_{key} {value}\n" for key, value in macros.items())
+        self._kernel = _compiled(name, PRELUDE + told + text, device)
+        with _cupy().cuda.Device(device.index):
+            self._kernel.max_dynamic_shared_size_bytes = max(memory, self._kernel.max_dynamic_shared_size_bytes)
+
+    def run(self, fields: Sequence[int], blocks: int) -> None:
+        """Launch ``blocks`` of it after what torch's present stream holds; ``fields`` are its arguments."""
+        import cupy
+        import torch
+
+        stream = torch.cuda.current_stream(self._device)
+        with cupy.cuda.Device(self._device.index), cupy.cuda.ExternalStream(stream.cuda_stream, self._device.index):
+            self._kernel((blocks,), (self._threads,), tuple(map(np.uint64, fields)), shared_mem=self._memory)
+
+
 class Card:
     """The kernel of one sheet, compiled for ``device``. ``simple``: whether materials all are, none is, or None.
 
@@ -75,41 +100,43 @@ class Card:
     """
 
     def __init__(self, sheet: np.ndarray, device: "torch.device", *, simple: bool | None = None) -> None:
-        self._device = device
-        only = {True: "ONLY_SIMPLE", False: "ONLY_YIELDING", None: "ALL"}[simple]
-        self._kernel, self.plan, self._memory = _compiled(sheet.tobytes(), device, only)
-
-    def run(self, fields: Sequence[int], members: int) -> None:
-        import cupy
-        import torch
-
-        stream = torch.cuda.current_stream(self._device)
-        with cupy.cuda.Device(self._device.index), cupy.cuda.ExternalStream(stream.cuda_stream, self._device.index):
-            self._kernel((members,), (self.plan.threads,), tuple(map(np.uint64, fields)), shared_mem=self._memory)
-
-
-@lru_cache(maxsize=64)
-def _compiled(told: bytes, device: "torch.device", only: str) -> tuple[Any, Plan, int]:
-    try:
-        import cupy
-    except ImportError as error:
-        raise ImportError(missing("device='cuda'", error)) from error
-    sheet = np.frombuffer(told, SHEET).copy()
-    rows, cols = int(sheet["rows"][0]), int(sheet["cols"][0])
-    with cupy.cuda.Device(device.index) as card:
-        most = card.attributes["MaxSharedMemoryPerBlockOptin"]
-        sheet["spare"] = kernels.card_memory(told) > most
+        sheet, most = sheet.copy(), most_memory(device)
+        rows, cols = int(sheet["rows"][0]), int(sheet["cols"][0])
+        sheet["spare"] = kernels.card_memory(sheet.tobytes()) > most
         memory = kernels.card_memory(sheet.tobytes())
         if memory > most:
             raise ValueError(
                 f"this sheet needs {memory} bytes of the memory that a block of threads shares, the card has {most}: "
                 f"use a resolution of at most {rows * cols * most // memory} vertices, or device='cpu'"
             )
-        chosen = plan(rows, cols, memory, most)
-        macros = {"STRIP": chosen.strip, "THREADS": chosen.threads, "BLOCKS": chosen.blocks, only: ""}
+        self.plan = plan(rows, cols, memory, most)
+        only = {True: "ONLY_SIMPLE", False: "ONLY_YIELDING", None: "ALL"}[simple]
+        macros = {"STRIP": self.plan.strip, "THREADS": self.plan.threads, "BLOCKS": self.plan.blocks, only: ""}
         macros["SHEET"] = as_literal(sheet)
-        text = "".join(f"#define MINICLOTH_{name} {value}\n" for name, value in macros.items())
-        module = cupy.RawModule(code=PRELUDE + text + kernels.card_text(), options=OPTIONS, backend="nvrtc")
-        kernel = module.get_function(ENTRY)
-        kernel.max_dynamic_shared_size_bytes = memory
-    return kernel, chosen, memory
+        self._compiled = Kernel(
+            "minicloth_frame", kernels.card_text(), macros, device, threads=self.plan.threads, memory=memory
+        )
+
+    def run(self, fields: Sequence[int], members: int) -> None:
+        self._compiled.run(fields, members)
+
+
+def most_memory(device: "torch.device") -> int:
+    """What a block's threads may share on a card [bytes]."""
+    most: int = _cupy().cuda.Device(device.index).attributes["MaxSharedMemoryPerBlockOptin"]
+    return most
+
+
+@lru_cache(maxsize=64)
+def _compiled(name: str, text: str, device: "torch.device") -> Any:
+    cupy = _cupy()
+    with cupy.cuda.Device(device.index):
+        return cupy.RawModule(code=text, options=OPTIONS, backend="nvrtc").get_function(name)
+
+
+def _cupy() -> Any:
+    try:
+        import cupy
+    except ImportError as error:
+        raise ImportError(missing("device='cuda'", error)) from error
+    return cupy

@@ -59,5 +59,6 @@ def _cloth(scene: Scene, cutter: FrameCuts, m: Material) -> tuple[object, ...]:
 
 
 def as_literal(sheet: np.ndarray) -> str:
-    """One ``SHEET`` as C++ writes it."""
-    return "{" + ", ".join(repr(value) for value in sheet[0].item()) + "}"
+    """One structure as C++ writes it, without the braces of arrays in it."""
+    values = (number for value in sheet[0].item() for number in np.ravel(value).tolist())
+    return "{" + ", ".join(map(repr, values)) + "}"

@@ -25,5 +25,6 @@ NB_MODULE(_minicloth_kernels, m) {
   bind_controls(m);
   bind_choose(m);
   bind_card(m);
+  bind_drawn(m);
   m.def("instruction_set", [] { return kSets[kSet]; }, "The instruction set that the kernels run on this processor.");
 }

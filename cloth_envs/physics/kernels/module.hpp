@@ -19,5 +19,6 @@ void bind_measures(nanobind::module_& m);
 void bind_controls(nanobind::module_& m);
 void bind_choose(nanobind::module_& m);
 void bind_card(nanobind::module_& m);
+void bind_drawn(nanobind::module_& m);
 
 }  // namespace minicloth

@@ -9,7 +9,7 @@ import torch
 from cloth_envs.failure import find
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.vector_env import ClothVectorEnv
-from training.bench.gpu.measure import cores
+from training.bench.gpu.measure import cores, name_of
 from training.bench.gpu.rows import EqualRow, SoundRow
 
 FRAMES, EPISODE = 5, 100
@@ -19,10 +19,6 @@ def _distances(a: np.ndarray, b: np.ndarray, length: float) -> tuple[float, floa
     """Root of the mean square, and the largest, distance of vertices [% of length]."""
     squares = ((a.astype(float) - b) ** 2).sum(1)
     return 100 * float(np.sqrt(squares.mean())) / length, 100 * float(np.sqrt(squares.max())) / length
-
-
-def _name(device: Any) -> str:
-    return torch.cuda.get_device_name(device) if device.type == "cuda" else str(device)
 
 
 def equal(scene: str, device: str, members: int, *, seed: int, episode: int = EPISODE) -> EqualRow:
@@ -53,7 +49,7 @@ def equal(scene: str, device: str, members: int, *, seed: int, episode: int = EP
     own, true = (np.mean(kept, 0) for kept in energies)
     half = members // 2
     return EqualRow(
-        scene, _name(card.world.device), members, FRAMES, *found, alike, episode, float(own.mean() / true.mean()),
+        scene, name_of(card.world.device), members, FRAMES, *found, alike, episode, float(own.mean() / true.mean()),
         float(true[:half].mean() / true[half:].mean()),
     )  # fmt: skip
 
@@ -76,6 +72,6 @@ def sound(scene: str, device: str, members: int, steps: int, *, seed: int) -> So
         wrong += (~fits).sum()
         ended.update(reason for reason in info.get("failure", ()) if reason)
     return SoundRow(
-        scene, _name(there), members, frames * members, ended["overstretch"], ended["energy"], ended["non-finite"],
+        scene, name_of(there), members, frames * members, ended["overstretch"], ended["energy"], ended["non-finite"],
         int(wrong),
     )  # fmt: skip

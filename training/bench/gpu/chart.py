@@ -48,16 +48,33 @@ def draw(rows: Mapping[str, Sequence[Any]], folder: Path, setup: str) -> None:
         axes.yaxis.set_major_formatter(lambda value, _: f"{value:,.0f}")
         axes.set_xlabel("members", fontsize=7.5, color=INK)
     if learned:
-        _learning(panels[len(found)], learned)
+        _learning(panels[len(found)], learned, rows["gpu"])
     legend(figure, handles, list(handles), "outside upper center", 6)
-    name = next(r.device for mine in found.values() for r in mine if r.where == "card")
-    save(figure, f"{name}; {setup}. {NOTE}", folder, STEM)
+    save(figure, f"{_cards(rows['gpu'])}; {setup}. {NOTE}", folder, STEM)
 
 
-def _learning(axes: Any, rows: Sequence[LearnRow]) -> None:
-    for number, scene in enumerate(dict.fromkeys(r.scene for r in rows)):
-        mine = [r for r in rows if r.scene == scene]
-        axes.plot([r.seconds for r in mine], [r.reward for r in mine], color=COLORS[number], lw=1.3)
-        axes.annotate(scene, (mine[-1].seconds, mine[-1].reward), fontsize=7.5, color=INK, ha="right", va="bottom")
-    dress(axes, "PPO (64 x 64): reward a frame")
+def _cards(rows: Sequence[GpuRow]) -> str:
+    """The card, or each one with its scenes."""
+    scenes: dict[str, dict[str, None]] = {}
+    for row in rows:
+        if row.where == "card":
+            scenes.setdefault(row.device, {})[row.scene] = None
+    told = scenes if len(scenes) < 2 else [f"{card} ({', '.join(mine)})" for card, mine in scenes.items()]
+    return ", ".join(told)
+
+
+def _learning(axes: Any, rows: Sequence[LearnRow], speeds: Sequence[GpuRow]) -> None:
+    scenes, cards = list(dict.fromkeys(r.scene for r in speeds)), {r.device for r in speeds if r.where == "card"}
+    for scene, device in dict.fromkeys((r.scene, r.device) for r in rows):
+        mine, card = [r for r in rows if (r.scene, r.device) == (scene, device)], device in cards
+        x, y = [r.seconds for r in mine], [r.reward for r in mine]
+        dashes: Any = "-" if card else (0, (4, 2))
+        axes.plot(x, y, color=COLORS[scenes.index(scene) % len(COLORS)], ls=dashes, lw=1.3)
+        told = f"{mine[-1].members:,} on {'the card' if card else 'the processor'}"
+        side: dict[str, Any] = {"ha": "right", "va": "bottom"} if card else {"ha": "left", "va": "center"}
+        axes.annotate(
+            told, (x[-1], y[-1]), (4 * (not card), 0), textcoords="offset points", **side, fontsize=6.5, color=INK
+        )
+    dress(axes, "PPO (64 x 64), members")
     axes.set_xlabel("seconds", fontsize=7.5, color=INK)
+    axes.set_ylabel("reward a frame", fontsize=7.5, color=INK)

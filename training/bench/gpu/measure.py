@@ -111,11 +111,15 @@ def speed(
     used = energy(device) - before if before == before else float("nan")
     substeps, peak, moved = shares(env.world.backend, members, frame)
     grid = env.world.scene.grid
-    name = torch.cuda.get_device_name(device) if on_card and device.type == "cuda" else processor()
     return GpuRow(
-        scene, label, *grid.shape, members, "card" if on_card else "processor", name, threads, step * 1e3, frame * 1e3,
-        members / step, substeps, peak, moved, used / (2 * count * members) * 1e6,
+        scene, label, *grid.shape, members, "card" if on_card else "processor", name_of(device), threads, step * 1e3,
+        frame * 1e3, members / step, substeps, peak, moved, used / (2 * count * members) * 1e6,
     )  # fmt: skip
+
+
+def name_of(device: Any) -> str:
+    """A card's name, or the processor's."""
+    return torch.cuda.get_device_name(device) if device is not None and device.type == "cuda" else processor()
 
 
 def cores() -> int:

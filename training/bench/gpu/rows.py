@@ -75,7 +75,7 @@ class SoundRow:
 
 @dataclass(frozen=True)
 class LearnRow:
-    """An update of PPO on a card: seconds and steps since its start, and the mean reward a frame."""
+    """An update of PPO: seconds and steps since its start, and the mean reward a frame."""
 
     scene: str
     device: str
@@ -125,12 +125,12 @@ def sound_table(rows: Sequence[SoundRow]) -> str:
 
 def learn_table(rows: Sequence[LearnRow]) -> str:
     """Some updates of each training."""
-    lines = ["scene      update  seconds       steps  reward"]
-    for scene in dict.fromkeys(r.scene for r in rows):
-        mine = [r for r in rows if r.scene == scene]
+    lines = ["scene      members  update  seconds       steps  reward   on"]
+    for trained in dict.fromkeys((r.scene, r.device) for r in rows):
+        mine = [r for r in rows if (r.scene, r.device) == trained]
         shown = {0, len(mine) // 8, len(mine) // 4, len(mine) // 2, len(mine) - 1}
         lines += [
-            f"{r.scene:<10} {r.update:6} {r.seconds:8.1f} {r.steps:11,} {r.reward:7.3f}"
+            f"{r.scene:<10} {r.members:7} {r.update:7} {r.seconds:8.1f} {r.steps:11,} {r.reward:7.3f}   {r.device}"
             for i, r in enumerate(mine)
             if i in shown
         ]

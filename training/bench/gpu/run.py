@@ -11,7 +11,7 @@ from surrogates.cell.backend import EMULATED
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.gpu.beside import equal, sound
 from training.bench.gpu.chart import STEM, draw
-from training.bench.gpu.measure import cores, speed
+from training.bench.gpu.measure import cores, name_of, speed
 from training.bench.gpu.rows import (
     EqualRow,
     GpuRow,
@@ -30,9 +30,11 @@ BACKENDS: dict[str, dict[str, Any]] = {
     "cnn": {"backend": "cnn"},
     "miniature x4": {"backend": "miniature", "backend_kwargs": {"factor": 4}},
 }
-SOUND, SHARE = {"members": 4096, "steps": 500_000}, {"Flag": 10, "Collision": 6}  # times as many of cheap scenes
+SOUND, SHARE = {"members": 4096, "steps": 500_000}, {"Flag": 14, "Collision": 6}  # times as many of cheap scenes
 LEARNING = ("Flag",)
-RECIPE, PLAYERS = Recipe(updates=30, epochs=4, minibatch=8192, rate=2e-3), 1024
+# Members and how PPO goes over their episodes: thousands on a card, few and often on the processor.
+CARD = 1024, Recipe(updates=30, epochs=4, minibatch=8192, rate=2e-3)
+PROCESSOR = 32, Recipe(updates=30, minibatch=400)
 SEED = 6000
 
 
@@ -61,7 +63,8 @@ def measure(session: Session) -> None:
             given = {"members": 2, "steps": 8} if quick else {**SOUND, "steps": SOUND["steps"] * SHARE.get(scene, 1)}
             session.store("gpu_sound").add(sound(scene, device, **given, seed=SEED + 1))
     for scene in [name for name in LEARNING if "learn" in wanted and name in session.scenes]:
-        learn(session, scene, device)
+        learn(session, scene, *CARD, backend_kwargs={"device": device})
+        learn(session, scene, *PROCESSOR, self_contact=False, backend_kwargs={"threads": cores()})
 
 
 def fast(session: Session, scene: str, label: str, options: Mapping[str, Any], members: Sequence[int]) -> None:
@@ -78,12 +81,13 @@ def fast(session: Session, scene: str, label: str, options: Mapping[str, Any], m
         store.add(speed(scene, label, {**options, "self_contact": False}, count, seconds=seconds, threads=threads))
 
 
-def learn(session: Session, scene: str, device: str) -> None:
-    """PPO on the card."""
-    players, frames = (4, 4) if session.quick else (PLAYERS, EPISODE_FRAMES[scene])
-    recipe = Recipe(updates=2, epochs=1) if session.quick else RECIPE
-    env = ClothVectorEnv(scene, num_envs=players, backend="cnn", backend_kwargs={"device": device})
-    store, start, name = session.store("gpu_learning"), perf_counter(), str(env.world.device)
+def learn(session: Session, scene: str, players: int, recipe: Recipe, **options: Any) -> None:
+    """PPO of some members on the card or on the processor."""
+    frames = EPISODE_FRAMES[scene]
+    if session.quick:
+        players, frames, recipe = 4, 4, Recipe(updates=2, epochs=1)
+    env = ClothVectorEnv(scene, num_envs=players, backend="cnn", **options)
+    store, start, name = session.store("gpu_learning"), perf_counter(), name_of(env.world.device)
 
     def tell(update: int, reward: float) -> None:
         steps = (update + 1) * players * frames
@@ -99,13 +103,13 @@ BENCHMARK = Benchmark(
         STEM: RowFile(GpuRow, ("scene", "backend", "rows", "members", "where", "threads")),
         "gpu_equal": RowFile(EqualRow, ("scene",)),
         "gpu_sound": RowFile(SoundRow, ("scene",)),
-        "gpu_learning": RowFile(LearnRow, ("scene", "update")),
+        "gpu_learning": RowFile(LearnRow, ("scene", "device", "members", "update")),
     },
     parts=[
         Part("Steps a second, random actions, observations and rewards included", (STEM,), speed_table),
         Part("The card's frames beside the processor's [% of length]", ("gpu_equal",), equal_table),
         Part("Random actions on the card: what ended episodes", ("gpu_sound",), sound_table),
-        Part("PPO on the card: the mean reward a frame", ("gpu_learning",), learn_table),
+        Part("PPO on the card and on the processor: the mean reward a frame", ("gpu_learning",), learn_table),
     ],
     measure=measure,
     charts={STEM: "Environment steps a second by members, card and processor; PPO by the clock"},

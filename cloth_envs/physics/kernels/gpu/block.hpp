@@ -11,31 +11,70 @@ namespace {
 // A thread's own vertices: kStrip below each other in one column.
 template <int kStrip>
 struct Own {
-  int number, row, col, held;                // held: bit j is set where the j-th is a handle
+  int number, row, col, place, held;         // of the first one; bit j of `held` is set where the j-th is a handle
   V3<float> x[kStrip] = {}, v[kStrip] = {};  // m, m/s
 };
 
-// Calls act(j, vertex) for them; there are fewer at the end of a column.
+// How many rows the last strip has: no other one has fewer.
+template <int kStrip>
+inline int whole(const CardSheet& s) {
+  return s.rows - (s.rows - 1) / kStrip * kStrip;
+}
+// In shared memory the first vertices of all threads lie beside each other, in the threads' order, then their second
+// ones, ...: whatever the columns, threads that follow each other meet no bank twice. Where the j-th ones begin, of
+// which threads that end in the last row may have none:
+template <int kStrip>
+inline int layer(const CardSheet& s, int j) {
+  return (j * ((s.rows - 1) / kStrip + 1) - (j > whole<kStrip>(s) ? j - whole<kStrip>(s) : 0)) * s.cols;
+}
+// Whether there is a row q below a thread's first one. Most are there for all threads.
+template <int kStrip>
+inline bool there(const CardSheet& s, const Own<kStrip>& own, int q) {
+  return (q >= 0 || own.row + q >= 0) && (q < whole<kStrip>(s) || own.row + q < s.rows);
+}
+// Where what lies q rows below a thread's first vertex is; that vertex itself beyond the first and the last row.
+template <int kStrip>
+__attribute__((always_inline)) inline int place(const CardSheet& s, const Own<kStrip>& own, int q) {
+  const int strips = (q + 2 * kStrip) / kStrip - 2;
+  const int at = own.place + strips * s.cols + layer<kStrip>(s, q - strips * kStrip);
+  return there(s, own, q) ? at : own.place;
+}
+// Whether it and the one above it are there, and whether rows on both sides of it are.
+template <int kStrip>
+inline bool linked(const CardSheet& s, const Own<kStrip>& own, int q) {
+  return there(s, own, q - 1) && there(s, own, q);
+}
+template <int kStrip>
+inline bool inner(const CardSheet& s, const Own<kStrip>& own, int q) {
+  return there(s, own, q - 1) && there(s, own, q + 1);
+}
+// Its j-th vertex, as the batch numbers them.
+template <int kStrip>
+inline int vertex(const CardSheet& s, const Own<kStrip>& own, int j) {
+  return (own.row + j) * s.cols + own.col;
+}
+
+// Calls act(j, place in shared memory) for them; there are fewer at the end of a column, and none of idle threads.
 template <int kStrip, class Act>
 __attribute__((always_inline)) inline void for_own(const CardSheet& s, const Own<kStrip>& own, const Act& act) {
 #pragma unroll
   for (int j = 0; j < kStrip; ++j) {
-    if (own.row + j >= s.rows) break;
-    act(j, (own.row + j) * s.cols + own.col);
+    if ((j == 0 || j >= whole<kStrip>(s)) && own.row + j >= s.rows) break;
+    act(j, own.place + layer<kStrip>(s, j));
   }
 }
 
 #if defined(__CUDACC_RTC__)
 // Nothing is read ahead of it, nor kept from before of what follows from a thread's place: both crowd registers.
 inline void in_order() { asm volatile("" ::: "memory"); }
-inline void anew(int& row, int& col) { asm volatile("" : "+r"(row), "+r"(col)); }
+inline void anew(int& row, int& col, int& place) { asm volatile("" : "+r"(row), "+r"(col), "+r"(place)); }
 template <int kStrip>
 struct Block {
   Own<kStrip>& own;
   int threads;
   template <class Phase>
   __forceinline__ void each(const Phase& phase) {
-    anew(own.row, own.col);
+    anew(own.row, own.col, own.place);
     phase(own);
     __syncthreads();
   }
@@ -58,7 +97,6 @@ inline void add_up(float* sums, int number, float value) {
 }
 #else
 inline void in_order() {}
-inline void anew(int&, int&) {}
 template <int kStrip>
 struct Block {
   Own<kStrip>* own;

@@ -30,12 +30,18 @@ CardSheet sheet_of(const nb::bytes& bytes) {
 template <int kStrip>
 void emulate(const CardSheet& s, const CardBatch& batch, int members, bool backwards) {
   std::vector<unsigned char> memory(LANES::Shared::bytes(s));
-  const int strips = (s.rows + kStrip - 1) / kStrip;
-  std::vector<LANES::Own<kStrip>> own(std::size_t(strips) * s.cols);
-  for (std::size_t t = 0; t < own.size(); ++t)
-    own[t].number = int(t), own[t].col = int(t) % s.cols, own[t].row = int(t) / s.cols * kStrip;
+  const int busy = (s.rows + kStrip - 1) / kStrip * s.cols;
   for (int member = 0; member < members; ++member) {
-    const LANES::Shared shared(s, memory.data(), batch.x_out + std::size_t(3) * s.rows * s.cols * member);
+    const std::size_t numbers = std::size_t(3) * s.rows * s.cols, first = numbers * member;
+    // NaN: on a card what threads share, and where a frame's end goes, hold anything at first.
+    std::memset(memory.data(), 0xff, memory.size());
+    for (float* out : {batch.x_out, batch.v_out}) std::memset(out + first, 0xff, numbers * sizeof(float));
+    std::vector<LANES::Own<kStrip>> own((busy + 31) / 32 * 32);  // whole warps
+    for (int t = 0; t < int(own.size()); ++t) {
+      own[t].number = t, own[t].col = t % s.cols, own[t].row = t / s.cols * kStrip;
+      own[t].place = t < busy ? t : busy - 1;
+    }
+    const LANES::Shared shared(s, memory.data(), batch.x_out + first);
     LANES::Block<kStrip> block{own.data(), int(own.size()), backwards};
     LANES::frame(s, batch, member, shared, block);
   }

@@ -42,9 +42,9 @@ template <int kStrip>
 __attribute__((always_inline)) inline void get(const CardSheet& s, const CardBatch& batch, int member,
                                                Own<kStrip>& own) {
   const int n = s.rows * s.cols;
-  for_own(s, own, [&](int j, int vertex) __attribute__((always_inline)) {
-    const float* const x = batch.x + std::size_t(3) * n * member + vertex;
-    const float* const v = batch.v + std::size_t(3) * n * member + vertex;
+  for_own(s, own, [&](int j, int) __attribute__((always_inline)) {
+    const float* const x = batch.x + std::size_t(3) * n * member + vertex(s, own, j);
+    const float* const v = batch.v + std::size_t(3) * n * member + vertex(s, own, j);
     own.x[j] = {x[0], x[n], x[2 * n]}, own.v[j] = {v[0], v[n], v[2 * n]};
   });
 }
@@ -56,7 +56,7 @@ __attribute__((always_inline)) inline void run(const CardSheet& s, const CardBat
   const int count = cut[0], held = cut[1];
   const double length = s.frame_dt / count;
   const float h = float(length);
-  const float over_count = 1.0f / float(count);
+  const float over_count = 1.0f / float(count), damping = m.damping;
   float* const past = batch.v_out + std::size_t(3) * s.rows * s.cols * member;
   const bool forces = s.bends || s.air || s.pressure;
   block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
@@ -73,7 +73,7 @@ __attribute__((always_inline)) inline void run(const CardSheet& s, const CardBat
     if (anew || k == 0)
       block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
         if (anew && (s.air || s.pressure) && own.row < s.rows) blow_strip(s, shared, own);
-        for_own(s, own, [&](int j, int i) { shared.put(s, i, own.x[j], own.x[j] + m.damping * own.v[j]); });
+        for_own(s, own, [&](int j, int i) { shared.put(s, i, own.x[j], own.x[j] + damping * own.v[j]); });
       });
     const float dt = last ? h / 2 : h;
     block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
@@ -93,12 +93,16 @@ __attribute__((always_inline)) inline void run(const CardSheet& s, const CardBat
         V3<float> x = start + dt * own.v[j];
         keep_out(s, shared, start, x, own.v[j]);
         if (!last) own.x[j] = x;
-        if (s.handles && own.held >> j & 1) {
+      });
+      if (s.handles && own.held)
+        for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
+          if (!(own.held >> j & 1)) return;
           const Held& held = shared.handle(s, i);
           hold(s, held, last ? 0.0f : h, own.x[j], own.v[j]);
           if (s.soft && last) own.v[j] = own.v[j] + pulled(held, way_of(held, own.x[j], held.ahead), h / 2);
-        }
-        shared.put(s, i, own.x[j], own.x[j] + m.damping * own.v[j]);
+        });
+      for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
+        shared.put(s, i, own.x[j], own.x[j] + damping * own.v[j]);
       });
     });
   }
@@ -115,48 +119,52 @@ __attribute__((always_inline)) inline void frame(const CardSheet& s, const CardB
     get(s, batch, member, own);
     own.held = 0;
     for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
-      const int handle = s.handles ? batch.handle_of[i] : -1;
+      const int handle = s.handles ? batch.handle_of[vertex(s, own, j)] : -1;
       if (handle >= 0) shared.put_handle(s, i, handle), own.held |= 1 << j;
     });
     if (own.number) return;
     *shared.cloth = batch.cloths[member];
     *shared.weather = weather_of(s, batch.wind + 3 * std::size_t(member), batch.pressure[member]);
   });
-  const Sound before = look(s, shared, block);
-  double speed = before.speed;
-  const auto faster = [&](double v) { speed = (v < 0 ? -v : v) > speed ? (v < 0 ? -v : v) : speed; };
-  for (int h = 0; h < s.handles; ++h)
-    for (int k = 0; k < 3; ++k) {
-      const std::size_t i = 3 * (std::size_t(member) * s.handles + h) + k;
-      faster(batch.handle_v[i]), faster((batch.handle_x[i] - batch.x[first + k * n + batch.handles[h]]) / s.frame_dt);
+  // What drives it may be faster than what it has at first.
+  const Sound before = look(s, shared, block, [&](int number) {
+    double speed = 0;
+    const auto faster = [&](double v) { speed = (v < 0 ? -v : v) > speed ? (v < 0 ? -v : v) : speed; };
+    for (int h = number; h < 3 * s.handles; h += block.threads) {
+      const std::size_t i = std::size_t(3) * s.handles * member + h;
+      faster(batch.handle_v[i]);
+      faster((batch.handle_x[i] - batch.x[first + h % 3 * n + batch.handles[h / 3]]) / s.frame_dt);
     }
-  for (std::size_t b = std::size_t(6) * s.bodies * member; b < std::size_t(6) * s.bodies * (member + 1); ++b) {
-    faster(batch.body_v[b]), faster(batch.body_v_end[b]);
-    faster((batch.body_x_end[b] - batch.body_x[b]) / s.frame_dt);
-  }
+    for (int c = number; c < 6 * s.bodies; c += block.threads) {
+      const std::size_t i = std::size_t(6) * s.bodies * member + c;
+      faster(batch.body_v[i]), faster(batch.body_v_end[i]);
+      faster((batch.body_x_end[i] - batch.body_x[i]) / s.frame_dt);
+    }
+    return float(speed);
+  });
   const double stretch = before.strain > 0 ? 1 + before.strain : 1, p = batch.pressure[member];
   int level = level_of(s, m, before), cut[2];
   Sound after;
   for (;;) {
-    cut_for(s, m, level, speed, (p < 0 ? -p : p) * stretch, cut);
+    cut_for(s, m, level, before.speed, (p < 0 ? -p : p) * stretch, cut);
 #if !defined(MINICLOTH_ONLY_YIELDING)
     if (m.simple) run<true>(s, batch, member, cut, shared, block);
 #endif
 #if !defined(MINICLOTH_ONLY_SIMPLE)
     if (!m.simple) run<false>(s, batch, member, cut, shared, block);
 #endif
-    after = look(s, shared, block);
+    after = look(s, shared, block, [](int) { return 0.0f; });
     const int end = !after.finite && before.finite ? kLevels - 1 : level_of(s, m, after);
     if (end <= level) break;
     int next[2];
     level = end;
-    cut_for(s, m, level, speed, (p < 0 ? -p : p) * stretch, next);
+    cut_for(s, m, level, before.speed, (p < 0 ? -p : p) * stretch, next);
     if (next[0] == cut[0] && next[1] == cut[1]) break;
   }
   const float energy = kinetic(s, shared, block);
   block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
-    for_own(s, own, [&](int j, int vertex) __attribute__((always_inline)) {
-      const std::size_t i = first + vertex;
+    for_own(s, own, [&](int j, int) __attribute__((always_inline)) {
+      const std::size_t i = first + vertex(s, own, j);
       batch.x_out[i] = own.x[j].x, batch.x_out[i + n] = own.x[j].y, batch.x_out[i + 2 * n] = own.x[j].z;
       batch.v_out[i] = own.v[j].x, batch.v_out[i + n] = own.v[j].y, batch.v_out[i + 2 * n] = own.v[j].z;
     });

@@ -15,6 +15,8 @@ extern "C" __global__ void __launch_bounds__(MINICLOTH_THREADS, MINICLOTH_BLOCKS
   LANES::Own<MINICLOTH_STRIP> own;
   own.number = threadIdx.x;
   own.col = own.number % sheet.cols, own.row = own.number / sheet.cols * MINICLOTH_STRIP;
+  constexpr int busy = ((sheet.rows - 1) / MINICLOTH_STRIP + 1) * sheet.cols;
+  own.place = own.number < busy ? own.number : busy - 1;
   LANES::Block<MINICLOTH_STRIP> block{own, int(blockDim.x)};
   LANES::frame(sheet, batch, int(blockIdx.x), shared, block);
 }

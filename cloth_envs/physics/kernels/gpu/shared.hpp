@@ -63,13 +63,14 @@ struct Shared {
 
   static std::size_t cells_of(const CardSheet& s) { return s.air || s.pressure ? std::size_t(s.rows) * s.cols : 0; }
   static std::size_t slow_of(const CardSheet& s) { return s.spare ? 0 : 3 * std::size_t(s.rows) * s.cols; }
+  static std::size_t field_of(const CardSheet& s) { return 3 * std::size_t(s.rows) * s.cols; }
   // `spare` is where the cloth's positions at the frame's end will be.
   Shared(const CardSheet& s, unsigned char* memory, float* spare)
       : cells(reinterpret_cast<Cell*>(memory)),
         driven(reinterpret_cast<Driven*>(cells + cells_of(s))),
         field(reinterpret_cast<Pair*>(driven + s.bodies)),
-        slow(s.spare ? spare : reinterpret_cast<float*>(field + 3 * s.rows * s.cols)),
-        held(reinterpret_cast<Held*>(reinterpret_cast<float*>(field + 3 * s.rows * s.cols) + slow_of(s))),
+        slow(s.spare ? spare : reinterpret_cast<float*>(field + field_of(s))),
+        held(reinterpret_cast<Held*>(reinterpret_cast<float*>(field + field_of(s)) + slow_of(s))),
         slots(reinterpret_cast<int*>(held + s.handles)),
         sums(reinterpret_cast<float*>(slots + kMostSlots)),
         kicks(reinterpret_cast<Kick*>(sums + kSums)),
@@ -77,7 +78,7 @@ struct Shared {
         weather(reinterpret_cast<Weather*>(cloth + 1)),
         handle_of(reinterpret_cast<unsigned char*>(weather + 1)) {}
   static std::size_t bytes(const CardSheet& s) {
-    return cells_of(s) * sizeof(Cell) + s.bodies * sizeof(Driven) + 3 * std::size_t(s.rows) * s.cols * sizeof(Pair) +
+    return cells_of(s) * sizeof(Cell) + s.bodies * sizeof(Driven) + field_of(s) * sizeof(Pair) +
            slow_of(s) * sizeof(float) + s.handles * sizeof(Held) + kMostSlots * sizeof(int) + kSums * sizeof(float) +
            2 * sizeof(Kick) + sizeof(CardCloth) + sizeof(Weather) +
            std::size_t(s.rows) * s.cols *

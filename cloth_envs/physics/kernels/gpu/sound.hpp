@@ -34,9 +34,11 @@ struct Sound {
   float shear, apart, strain, speed;  // a sine, m/s, 1, m/s
 };
 
-// Of positions and velocities, which are in shared memory as `a` and `b` then.
-template <int kStrip>
-__attribute__((always_inline)) inline Sound look(const CardSheet& s, const Shared& shared, Block<kStrip>& block) {
+// Of positions and velocities, which are in shared memory as `a` and `b` then. Other speeds that count are those that
+// each thread is told of by its number.
+template <int kStrip, class Others>
+__attribute__((always_inline)) inline Sound look(const CardSheet& s, const Shared& shared, Block<kStrip>& block,
+                                                 const Others& others) {
   block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
     if (own.number == 0)
       for (int k = 0; k < Shared::kSums; ++k) shared.slots[k % kSlots] = 0, shared.sums[k] = 0;
@@ -45,7 +47,7 @@ __attribute__((always_inline)) inline Sound look(const CardSheet& s, const Share
   block.each([&](Own<kStrip>& own) __attribute__((always_inline)) {
     const float over_row = float(1 / (s.row_length * s.row_length)),
                 over_col = float(1 / (s.col_length * s.col_length));
-    float shear = 0, apart = 0, bad = 0, longest = 0, speed = 0;
+    float shear = 0, apart = 0, bad = 0, longest = 0, speed = others(own.number);
     const auto most = [](float& found, float value) { found = value > found ? value : found; };
     for_own(s, own, [&](int j, int i) __attribute__((always_inline)) {
       const int r = own.row + j, c = own.col;
@@ -59,12 +61,13 @@ __attribute__((always_inline)) inline Sound look(const CardSheet& s, const Share
         most(longest, dot(d, d) * over_col);
         if (c > 0) most(apart, dot(w, w));
       }
+      const int up = place(s, own, j - 1), down = place(s, own, j + 1);
       if (r > 0) {
-        const V3<float> d = at - field_a(s, shared, i - s.cols), w = v - field_b(s, shared, i - s.cols);
+        const V3<float> d = at - field_a(s, shared, up), w = v - field_b(s, shared, up);
         most(longest, dot(d, d) * over_row), most(apart, dot(w, w));
       }
       if (r > 0 && r < s.rows - 1 && c > 0 && c < s.cols - 1)
-        most(shear, slant(at, field_a(s, shared, i - s.cols), field_a(s, shared, i + s.cols), field_a(s, shared, i - 1),
+        most(shear, slant(at, field_a(s, shared, up), field_a(s, shared, down), field_a(s, shared, i - 1),
                           field_a(s, shared, i + 1)));
     });
     largest(shared.slots + kShear, shear), largest(shared.slots + kApart, apart), largest(shared.slots + kBad, bad);
