@@ -35,7 +35,9 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         obs: ``"keypoints"``, a flat Box, or ``"mesh"``, a Dict of the geometry image ``mesh`` ``(6, H, W)``
             (positions, velocities) and the numbers of the ``task``.
         material: a fabric's name or a dict of ``Material`` properties.
-        randomize: ``{property: (low, high)}``, drawn uniformly at every reset.
+        randomize: ``{property: (low, high)}``, drawn uniformly at every reset, and told by ``info["material"]``.
+        observe_material: whether observations hold these properties too, before the numbers of the ``task``: where in
+            its range each is, from -1 to 1. In ``"mesh"`` ones they are ``material``.
         resolution: ``(rows, cols)`` of the grid, at equal size and material.
         preset: a paper's set-up, by name or ``{"name": ..., option: number}`` (see ``minicloth list``); zero actions
             are then the paper's scene. ``"lee2019"`` steps by P-ADMM, as its paper did, where ``backend_kwargs`` names
@@ -124,7 +126,12 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         self.world.reset({0: self.np_random})
         self._start = None if self.render_mode is None else self.state.copy()
         why = self.world.surrogate[0]
-        return self._observation(), {"surrogate": why} if why else {}
+        return self._observation(), ({"surrogate": why} if why else {}) | self._material()
+
+    def _material(self) -> dict[str, Any]:
+        """``info["material"]``, where it is randomised."""
+        world = self.world
+        return {"material": dict(zip(world.ranges, world.varied[0].tolist(), strict=True))} if world.ranges else {}
 
     def describe(self) -> str:
         """What the physics models and what it does not, and by what means, as text."""
@@ -134,7 +141,11 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         chosen = read_actions(action, self.world.action_space.shape, self.world.task.actions)
         rewards, reasons = self.world.advance(chosen[None])
         observation = self._observation()
-        info: dict[str, Any] = {"failure": reasons[0]} if reasons else {}
+        info: dict[str, Any] = {name: values.item() for name, values in self.world.told.items()} | self._material()
+        if reasons:
+            info["failure"] = reasons[0]
+        if reasons or self._limits.reached():
+            info["reward_final_second"] = self.world.final_second().item()
         if self.world.guarded[0]:
             info["guard"] = True
         if crossings := int(self.world.crossings[0]):

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from array_api_compat import array_namespace
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -129,7 +130,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             if seeds[i] is not None or self.world.rngs[i] is None:
                 self.world.rngs[i], _ = seeding.np_random(seeds[i])
         self._start(np.flatnonzero(mask))
-        return self._out(self.world.observe()), self._by_other_means(mask)
+        return self._out(self.world.observe()), self._by_other_means(mask) | self._material(mask)
 
     def describe(self) -> str:
         """What the physics models and what it does not, and by what means, as text."""
@@ -164,27 +165,30 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         if again.size:  # next-step mode: this step only starts the new episode of those
             self._start(again)
             rewards[again], terminated[again], truncated[again] = 0.0, False, False
+        ended = self._ended = terminated | truncated
         infos: dict[str, Any] = {}
+        if ended.any():
+            infos = self._told("reward_final_second", world.final_second(), ended)
         if terminated.any():
             told = np.full(n, None, dtype=object)
             for i in np.flatnonzero(terminated).tolist():
                 told[i] = reasons[i]
             infos["failure"], infos["_failure"] = told, terminated.copy()
-        ended = self._ended = terminated | truncated
         observations = self._out(world.observe())
-        started = np.zeros(n, bool)
-        started[again] = True
-        frame = self._of_frame(~started)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
             finals = np.full(n, None, dtype=object)
             for i in np.flatnonzero(ended):
                 finals[i] = member(observations, int(i))
-            last = infos | self._of_frame(ended)
+            last = infos | self._of_frame(ended) | self._material(ended)
             infos = {"final_obs": finals, "_final_obs": ended.copy(), "final_info": last, "_final_info": ended.copy()}
             frame, started = self._of_frame(~ended), ended.copy()
             self._start(np.flatnonzero(ended))
             observations = self._out(world.observe())
-        infos = infos | frame | self._by_other_means(started)
+        else:
+            started = np.zeros(n, bool)
+            started[again] = True
+            frame = self._of_frame(~started)
+        infos = infos | frame | self._by_other_means(started) | self._material(np.ones(n, bool))
         return observations, self._out(rewards), self._flags(terminated), self._flags(truncated), infos
 
     def _out(self, values: Any) -> Any:
@@ -196,11 +200,27 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         return self.world.flags(flags) if self._tensors else flags
 
     def _of_frame(self, which: np.ndarray) -> dict[str, np.ndarray]:
-        """What the backend tells of the last frame of members ``which``, bool ``(B,)``."""
+        """What the task and the backend tell of the last frame of members ``which``, bool ``(B,)``."""
         guarded, crossings, error = self.world.guarded & which, self.world.crossings * which, self.world.measured_error
         known = which & ~np.isnan(error)
         told = _told("guard", guarded, guarded) | _told("crossings_at_start", crossings, crossings > 0)
+        for name, values in self.world.told.items():
+            told |= self._told(name, values, which)
         return told | _told("measured_error", np.where(known, error, 0.0), known)
+
+    def _told(self, name: str, values: Any, which: np.ndarray) -> dict[str, Any]:
+        """``_told`` of numbers or flags as the world has them, for those of all members."""
+        if not which.all():
+            xp = array_namespace(values)
+            values = xp.where(self.world.flags(which), values, xp.zeros_like(values))
+        return _told(name, self._out(values), which)
+
+    def _material(self, which: np.ndarray) -> dict[str, Any]:
+        """``info["material"]`` of members ``which``, bool ``(B,)``, where it is randomised."""
+        told: dict[str, Any] = {}
+        for name, values in zip(self.world.ranges, self.world.varied.T, strict=True):
+            told |= _told(name, values * which, which)
+        return _told("material", told, which) if told else {}
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that decides the future, as arrays; see ``ClothEnv.get_state``."""
@@ -235,9 +255,9 @@ def _threaded(choice: Choice, threads: int) -> Choice:
     return choice
 
 
-def _told(name: str, values: np.ndarray, which: np.ndarray) -> dict[str, np.ndarray]:
+def _told(name: str, values: Any, which: np.ndarray) -> dict[str, Any]:
     """An info that some members have, bool ``(B,)``; nothing of none. Others are 0, False or None, as Gymnasium's."""
-    return {name: values, f"_{name}": which} if which.any() else {}
+    return {name: values, f"_{name}": which.copy()} if which.any() else {}
 
 
 def _limit(frames: int | None) -> int | None:

@@ -1,8 +1,10 @@
 """The batched engine behind the single and the vector environment."""
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -38,6 +40,7 @@ class World:
         observer: what an agent observes.
         controls: what the last ``step`` gave to the backend; None before the first.
         rewards: what it returned, ``(B,)``.
+        varied: of every member's material what ``randomize`` names, ``(B, M)``.
         title: scene, resolution and backend in a few words.
         device: the ``torch.device`` of states, rewards and observations; None, as they are NumPy arrays.
 
@@ -62,13 +65,17 @@ class World:
         resolution: Sequence[int] | None = None,
         preset: str | Mapping[str, Any] | None = None,
         self_contact: bool | None = None,
+        observe_material: bool = False,
     ) -> None:
         self._arguments: dict[str, Any] = {
             "scene": scene, "num_envs": num_envs, "backend": backend, "backend_kwargs": backend_kwargs, "obs": obs,
             "material": material, "randomize": randomize, "resolution": resolution, "preset": preset,
-            "self_contact": self_contact,
+            "self_contact": self_contact, "observe_material": observe_material,
         }  # fmt: skip
         self.num_envs, self.ranges = num_envs, check_ranges(randomize)
+        observed = true_or_false("observe_material", observe_material)
+        if observed and not self.ranges:
+            raise ValueError('observe_material=True needs randomize={"drag": (0.2, 0.8)}, or another range')
         if not isinstance(scene, str):
             task_class = scene
         else:
@@ -103,8 +110,12 @@ class World:
         self._episode: Episode | None = None
         self.controls: Controls | None = None
         self.rewards = np.zeros(num_envs)
+        self.varied = np.zeros((num_envs, len(self.ranges)))
+        self._scores: tuple[np.ndarray, ...] = ()
+        self._last_second: deque[Any] = deque(maxlen=max(1, round(1 / self.scene.frame_dt)))
 
-        self.observer = Observer(self.task, obs)
+        known = (self.varied, np.array(list(self.ranges.values())).T) if observed else ()
+        self.observer = Observer(self.task, obs, *known)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.task.actions),), np.float32)
 
     def __repr__(self) -> str:
@@ -182,6 +193,10 @@ class World:
         """Observations or rewards as NumPy arrays, which they are."""
         return values
 
+    def _there(self, values: np.ndarray) -> Any:
+        """A copy in what rewards are in."""
+        return values.copy()
+
     def flags(self, which: np.ndarray) -> Any:
         """Bools ``(B,)`` in what rewards are in."""
         return which
@@ -196,7 +211,12 @@ class World:
             self.materials[i] = self.scene.material.with_changes(**changes) if changes else self.scene.material
             drawn.append(self.task.draw(rng))
         self.frames[which] = 0
+        self._vary(which)
         self._place(which, *self._laid(stacked(drawn)))
+
+    def _vary(self, which: Sequence[int]) -> None:
+        """Note what ``randomize`` made of the materials of some members."""
+        self.varied[which] = [[getattr(self.materials[i], name) for name in self.ranges] for i in which]
 
     def _laid(self, drawn: dict[str, np.ndarray]) -> tuple[State, dict[str, np.ndarray]]:
         """States of starts that were drawn, and what the task remembers of them."""
@@ -262,11 +282,36 @@ class World:
             good.time[:] = episode.state.time[failed]
             self.backend.reset(good, [self.materials[i] for i in failed], failed)
             episode.state = self.backend.state
-        rewards = self.task.reward(episode)
+        rewards, self._scores = self.task.judge(episode)
         if failed:
-            rewards[failed] = 0.0
+            for values in (rewards, *self._scores[1:]):
+                values[failed] = 0.0
         self.rewards = rewards
+        self._last_second.append(1.0 * rewards)
         return rewards, reasons
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What ``info`` tells of the last frame, ``(B,)`` each: parts of the reward, success, distance and strain."""
+        told: dict[str, Any] = {}
+        if self._scores:
+            distance, *parts = self._scores
+            told = {f"reward_{name}": part for name, part in zip(self.task.parts, parts, strict=False)}
+            if told:
+                told["success"] = self.task.met(parts)
+            told["distance"] = distance
+        return told | {"strain": self.strain}
+
+    @property
+    def strain(self) -> Any:
+        """The largest strain of an edge of each cloth at the end of the last frame, ``(B,)``; infinity of none."""
+        return np.array([strain if finite else inf for finite, strain, _ in self.failures.health])
+
+    def final_second(self) -> Any:
+        """Mean reward of the last second, or of the episode where that is shorter, ``(B,)``."""
+        newest_first = enumerate(reversed(self._last_second))
+        earned = sum(rewards * (ago < self.frames) for ago, rewards in newest_first)  # in one order for every batch
+        return earned / self.frames.clip(1, len(self._last_second))
 
     @property
     def guarded(self) -> np.ndarray:
@@ -300,7 +345,10 @@ class World:
     def _now(self) -> Snapshot:
         memory, own = self.episode.memory, self.backend.memory
         where = self._listed, type(self.task), self._physics
-        return Snapshot(*where, self.state, memory, own, self.frames, self.materials, self.rngs)
+        earned = np.zeros((self.num_envs, self._last_second.maxlen or 0))
+        for ago, rewards in enumerate(reversed(self._last_second), 1):
+            earned[:, -ago] = self.on_host(rewards)
+        return Snapshot(*where, self.state, memory, own, self.frames, self.materials, self.rngs, earned)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """See ``ClothEnv.get_state``."""
@@ -329,6 +377,9 @@ class World:
                 self._episode, self.rngs = None, [None] * self.num_envs
             raise
         self.frames, self.materials, self.rngs = snapshot.frames, snapshot.materials, snapshot.rngs
+        self._last_second.clear()
+        self._last_second.extend(self._there(rewards) for rewards in snapshot.last_second.T)
+        self._vary(range(self.num_envs))
         self._place(range(self.num_envs), snapshot.state, snapshot.memory)
         if snapshot.own:
             self.backend.recall(snapshot.own)

@@ -9,7 +9,7 @@ from cloth_envs.grid import Grid
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
-from cloth_envs.scenes.measures import columns, ramp, tolerance
+from cloth_envs.scenes.measures import columns, length, ramp, tolerance
 from cloth_envs.scenes.starts import between
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -64,6 +64,8 @@ class BallDrop(Task):
         *("middle x", "middle y", "middle z", "middle vx", "middle vy", "middle vz"),
     )
     extras_bound = 50.0
+    parts = ("centred", "held")
+    away = "of the middle from the ball's axis [m]"
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -108,7 +110,7 @@ class BallDrop(Task):
         ball, velocity = state.colliders[:, 0, 0, :2], state.collider_velocities[:, 0, 0, :2]
         return columns(ball, velocity, self.middle(episode), self.middle_velocity(episode))
 
-    def reward(self, episode: Episode) -> np.ndarray:
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         middle = self.middle(episode)
         away = middle[:, :2] - episode.state.colliders[:, 0, 0, :2]
-        return tolerance(away, MARGIN) * ramp(middle[:, 2], HELD)
+        return length(away), tolerance(away, MARGIN), ramp(middle[:, 2], HELD)

@@ -63,6 +63,8 @@ class Curtain(Task):
     lattice = (5, 4)
     extras = ("lead x", "rail y", "lead vx", "rail vy", "covered", "target")
     extras_bound = 20.0
+    parts = ("cover", "calm")
+    away = "of the covered fraction from the target"
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -124,6 +126,6 @@ class Curtain(Task):
         corner, velocity = state.positions[:, :2, 0, -1], state.velocities[:, :2, 0, -1]
         return columns(corner, velocity, self.covered(episode), episode.memory["target"])
 
-    def reward(self, episode: Episode) -> np.ndarray:
-        cover = tolerance(self.covered(episode) - episode.memory["target"], COVER_MARGIN)
-        return cover * tolerance(self.speed(episode, 1, 2), CALM_MARGIN, 0.25)
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
+        off = self.covered(episode) - episode.memory["target"]
+        return abs(off), tolerance(off, COVER_MARGIN), tolerance(self.speed(episode, 1, 2), CALM_MARGIN, 0.25)

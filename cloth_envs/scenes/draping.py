@@ -9,7 +9,7 @@ from cloth_envs.grip import Grip, held
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive
-from cloth_envs.scenes.measures import columns, tolerance
+from cloth_envs.scenes.measures import columns, length, tolerance
 from cloth_envs.scenes.starts import rotation
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -63,6 +63,8 @@ class Draping(Task):
         *("goal x", "goal y", "goal z"),
     )
     extras_bound = 50.0
+    parts = ("place", "calm")
+    away = "of the middle from the goal [m]"
     held: ClassVar[float] = 0.25  # place of the held point along the upper edge, of its length
 
     def __init__(self, scene: Scene) -> None:
@@ -110,6 +112,6 @@ class Draping(Task):
         middle = self.middle(episode), self.middle_velocity(episode)
         return columns(*self.held_point(episode), *middle, episode.memory["goal"])
 
-    def reward(self, episode: Episode) -> np.ndarray:
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         off = self.middle(episode) - episode.memory["goal"]
-        return tolerance(off, PLACE_MARGIN) * tolerance(self.speed(episode), CALM_MARGIN, 0.25)
+        return length(off), tolerance(off, PLACE_MARGIN), tolerance(self.speed(episode), CALM_MARGIN, 0.25)

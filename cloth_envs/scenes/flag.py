@@ -58,6 +58,9 @@ class Flag(Task):
     lattice = (4, 5)
     extras = ("pole x", "pole y", "pole vx", "pole vy", "wind x", "wind y", "onlooker x", "onlooker y")
     extras_bound = 20.0
+    parts = ("shown",)
+    away = "fraction of the area that is not shown"
+    enough = 0.5
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -110,6 +113,7 @@ class Flag(Task):
         pole, velocity = state.positions[:, :2, 0, 0], state.velocities[:, :2, 0, 0]
         return columns(pole, velocity, state.wind[:, :2], episode.memory["onlooker"])
 
-    def reward(self, episode: Episode) -> np.ndarray:
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         area = loop_area(episode.state.positions, self.border)
-        return ramp(abs(along(area, episode.memory["onlooker"])), self.area)
+        shown = ramp(abs(along(area, episode.memory["onlooker"])), self.area)
+        return 1.0 - shown, shown

@@ -11,7 +11,7 @@ from cloth_envs.grip import Grip, held
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import GUST_TONES, Drive, gust, tones_of
-from cloth_envs.scenes.measures import columns, tolerance
+from cloth_envs.scenes.measures import columns, length, tolerance
 from cloth_envs.scenes.starts import between, rotation
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -67,6 +67,8 @@ class Hanging(Task):
         *("goal x", "goal y", "goal z", "breeze"),
     )
     extras_bound = 50.0
+    parts = ("place", "calm")
+    away = "of the middle from the goal [m]"
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -126,6 +128,6 @@ class Hanging(Task):
         middle = self.middle(episode), self.middle_velocity(episode)
         return columns(corner, velocity, *middle, episode.memory["goal"], state.pressure)
 
-    def reward(self, episode: Episode) -> np.ndarray:
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         off = self.middle(episode) - episode.memory["goal"]
-        return tolerance(off, PLACE_MARGIN) * tolerance(self.speed(episode), CALM_MARGIN, 0.25)
+        return length(off), tolerance(off, PLACE_MARGIN), tolerance(self.speed(episode), CALM_MARGIN, 0.25)

@@ -9,7 +9,7 @@ from cloth_envs.grip import Grip, held
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
-from cloth_envs.scenes.measures import columns, points, tolerance
+from cloth_envs.scenes.measures import columns, length, points, tolerance
 from cloth_envs.scenes.starts import either, pleats
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -64,6 +64,8 @@ class Hitting(Task):
         *("target x", "target y", "target z"),
     )
     extras_bound = 50.0
+    parts = ("place",)
+    away = "of the marked vertex from the target [m]"
     radius: ClassVar[float] = 0.15  # m, of the ball
 
     def __init__(self, scene: Scene) -> None:
@@ -115,5 +117,6 @@ class Hitting(Task):
         ball = state.colliders[:, 0, 0], state.collider_velocities[:, 0, 0]
         return columns(*ball, *vertex, episode.memory["target"])
 
-    def reward(self, episode: Episode) -> np.ndarray:
-        return tolerance(self.vertex(episode, episode.state.positions) - episode.memory["target"], MARGIN)
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
+        off = self.vertex(episode, episode.state.positions) - episode.memory["target"]
+        return length(off), tolerance(off, MARGIN)

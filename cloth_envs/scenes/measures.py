@@ -28,6 +28,11 @@ def ramp(value: np.ndarray, full: float, /) -> np.ndarray:
     return (value / full).clip(0.0, 1.0)
 
 
+def length(vector: np.ndarray) -> np.ndarray:
+    """Lengths of vectors ``(B, n)``, ``(B,)``."""
+    return (vector * vector).sum(1) ** 0.5
+
+
 @compiled  # 3 us
 def along(vector: np.ndarray, direction: np.ndarray, /) -> np.ndarray:
     """The part of vectors ``(B, 3)`` along a level ``direction`` ``(B, 2)`` of length 1, ``(B,)``."""

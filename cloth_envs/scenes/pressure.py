@@ -56,6 +56,8 @@ class Pressure(Task):
     lattice = (5, 5)
     extras = ("apex z", "apex vz", "pressure", "target z", "target z soon")
     extras_bound = 50.0
+    parts = ("height",)
+    away = "of the apex from the target height [m]"
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -94,5 +96,6 @@ class Pressure(Task):
         height, velocity = episode.cloth[:, 2, self.apex], episode.cloth_velocity[:, 2, self.apex]
         return columns(height, velocity, episode.state.pressure / FULL_PRESSURE, self.target(episode))
 
-    def reward(self, episode: Episode) -> np.ndarray:
-        return tolerance(episode.cloth[:, 2, self.apex] - self.target(episode)[:, 0], MARGIN)
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
+        off = episode.cloth[:, 2, self.apex] - self.target(episode)[:, 0]
+        return abs(off), tolerance(off, MARGIN)

@@ -71,6 +71,8 @@ class Skirt(Task):
         *("hem radius", "target radius"),
     )
     extras_bound = 50.0
+    parts = ("radius",)
+    away = "of the hem's radius from the target [m]"
     material = FABRICS["cotton"]
     motion: ClassVar[Motion] = dance()
     tempo: ClassVar[float] = 1.0
@@ -188,8 +190,9 @@ class Skirt(Task):
         apart = self.apart(episode)[1:]
         return columns(hips.mean(1), speed.mean(1), left, *apart, self.hem(episode), episode.memory["target"])
 
-    def reward(self, episode: Episode) -> np.ndarray:
-        return tolerance(self.hem(episode) - episode.memory["target"], MARGIN)
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
+        off = self.hem(episode) - episode.memory["target"]
+        return abs(off), tolerance(off, MARGIN)
 
 
 def _turned(points: np.ndarray, angle: np.ndarray) -> np.ndarray:
