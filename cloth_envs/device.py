@@ -225,6 +225,10 @@ class DeviceWorld(World):
         self.episode.state = self.backend.state
         self._look()
 
+    def seen_on_host(self) -> Episode:
+        episode = self.episode
+        return Episode(on_host(episode.state), to_host(episode.memory), to_host(episode.action))
+
     def on_host(self, values: Any) -> Any:
         return to_host(values)
 

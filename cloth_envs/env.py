@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 
 from cloth_envs import folds
-from cloth_envs.arguments import check_reset_options, check_seed, one_of, read_actions
+from cloth_envs.arguments import check_reset_options, check_seed, one_of, read_actions, true_or_false
 from cloth_envs.backend import plain_words
 from cloth_envs.observation import member
 from cloth_envs.options import check_options
@@ -45,6 +45,8 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         self_contact: whether the cloth's folds keep out of each other; by default as the scene lists it, where the
             physics can. ``scene.describe()`` says what is modelled.
         render_mode: ``"rgb_array"`` (uint8 ``(480, 640, 3)``) or ``"depth_array"`` (float32 [m]).
+        show_goal: whether pictures show what the task wants: violet, and green in frames of success; in ink, what the
+            cloth does. Depth does not.
 
     Raises:
         ValueError: a bad argument; says what to write instead.
@@ -52,11 +54,12 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "depth_array"], "render_fps": 25}  # noqa: RUF012
 
-    def __init__(self, scene: str, *, render_mode: str | None = None, **options: Any) -> None:
+    def __init__(self, scene: str, *, render_mode: str | None = None, show_goal: bool = True, **options: Any) -> None:
         options = plain_words(options)
         check_options(options, World, type(self))
         if render_mode is not None:
             one_of("render_mode", render_mode, self.metadata["render_modes"])
+        self.show_goal = true_or_false("show_goal", show_goal)
         self.world = World(scene, **options)
         if options.get("resolution") is not None:
             folds.warn_coarse(self.world.scene)
@@ -188,8 +191,10 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
             from cloth_envs.rendering import Renderer
 
             self._renderer = Renderer(self.scene)
-        draw = self._renderer.draw if self.render_mode == "rgb_array" else self._renderer.depth
-        return draw(self.state, start=self._start)
+        if self.render_mode == "depth_array":
+            return self._renderer.depth(self.state, start=self._start)
+        marks, met = self.world.goal(0) if self.show_goal else ((), False)
+        return self._renderer.draw(self.state, start=self._start, marks=marks, met=met)
 
     def close(self) -> None:
         if self._renderer is not None:

@@ -3,8 +3,9 @@
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import gymnasium as gym
 import numpy as np
 from array_api_compat import array_namespace
 from gymnasium.utils import seeding
@@ -12,7 +13,15 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from cloth_envs import folds
-from cloth_envs.arguments import as_whole, check_mask, check_reset_options, check_seeds, one_of, whole_number
+from cloth_envs.arguments import (
+    as_whole,
+    check_mask,
+    check_reset_options,
+    check_seeds,
+    one_of,
+    true_or_false,
+    whole_number,
+)
 from cloth_envs.backend import device_of, keywords, plain_words
 from cloth_envs.choice import Choice, as_lists, choices
 from cloth_envs.naming import counted
@@ -24,7 +33,11 @@ from cloth_envs.snapshot import check_array
 from cloth_envs.state import State
 from cloth_envs.world import World
 
+if TYPE_CHECKING:
+    from cloth_envs.rendering import Renderer
+
 OUTPUTS = ("numpy", "torch")
+DRAWN = 16  # members that are drawn
 _MODES = {mode.value: mode for mode in AutoresetMode}
 
 
@@ -40,6 +53,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         output: ``"numpy"``, or ``"torch"``: observations, rewards and both flags are tensors, of a backend on a device,
             such as ``backend="cnn"`` with ``{"device": "cuda"}``. Such a backend's controls, rewards and observations
             are computed there either way; actions may be a tensor.
+        render_mode: ``"rgb_array"``: ``render()`` gives a picture of each of the first 16 members.
         backend, backend_kwargs: as of ``ClothEnv``, or a list with one for each member, such as
             ``["miniature"] * 31 + ["reference"]`` and ``[{"factor": 4}] * 31 + [{}]``. A backend that takes ``threads``
             gets as many as processors are at hand.
@@ -58,10 +72,12 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         output: str = "numpy",
         render_mode: str | None = None,
+        show_goal: bool = True,
         **options: Any,
     ) -> None:
         if render_mode is not None:
-            raise ValueError("a vector environment does not render: draw single members with gym.make, or a recording")
+            one_of("render_mode", render_mode, ["rgb_array"])
+        self.show_goal = true_or_false("show_goal", show_goal)
         options = plain_words(options)
         check_options(options, World, type(self))
         num_envs = whole_number("num_envs", num_envs)
@@ -83,10 +99,12 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         if options.get("resolution") is not None:
             folds.warn_coarse(self.world.scene)
         self.num_envs = num_envs
-        self.render_mode = None
+        self.render_mode = render_mode
+        self._renderer: Renderer | None = None
+        self._starts: State | None = None  # of the episodes of members that are drawn
         self.metadata = {
             "autoreset_mode": self.autoreset_mode,
-            "render_modes": [],
+            "render_modes": ["rgb_array"],
             "render_fps": round(1 / self.world.scene.frame_dt),
         }
         self.single_observation_space = self.world.observer.space
@@ -149,6 +167,35 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         rngs = {int(i): rng for i in which if (rng := self.world.rngs[i]) is not None}
         self.world.reset(rngs)
         self._ended[which] = False
+        if self.render_mode is not None:
+            now = self.world.read_only().select(range(min(DRAWN, self.num_envs)))
+            if self._starts is None:
+                self._starts = now
+            drawn = which[which < DRAWN]
+            self._starts.assign(drawn, now.select(drawn))
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """Pictures uint8 ``(240, 320, 3)`` of the first 16 members, which Gymnasium's ``RecordVideo`` tiles."""
+        if self.render_mode is None:
+            gym.logger.warn("render() was called without a render_mode; pass render_mode='rgb_array' to gym.make_vec")
+            return None
+        if self._renderer is None:
+            from cloth_envs.rendering import Renderer
+
+            self._renderer = Renderer(self.scene, width=320, height=240)
+        pictures, state = [], self.world.read_only()
+        for i in range(min(DRAWN, self.num_envs)):
+            marks, met = self.world.goal(i) if self.show_goal else ((), False)
+            pictures.append(self._renderer.draw(state, start=self._starts, member=i, marks=marks, met=met))
+        return tuple(pictures)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_renderer": None}  # a copy draws with its own
 
     def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         world, n = self.world, self.num_envs

@@ -15,6 +15,7 @@ from cloth_envs.backend import Backend, check_material, device_of
 from cloth_envs.choice import Choice, as_lists, choices
 from cloth_envs.failure import Failures
 from cloth_envs.grid import check_resolution
+from cloth_envs.marks import Mark
 from cloth_envs.material import Material, as_material, check_ranges, warn_unusual
 from cloth_envs.mixed import MixedBackend
 from cloth_envs.naming import counted
@@ -337,6 +338,16 @@ class World:
         """What is modelled and what is not, and by what means, as text."""
         means = dict.fromkeys(filter(None, self.surrogate.tolist()))
         return "\n".join([self.scene.describe(), f"physics: {', '.join(dict.fromkeys(self.backends))}", *means])
+
+    def goal(self, member: int) -> tuple[list[Mark], bool]:
+        """What a picture of a member shows of its goal, and whether it is met now."""
+        task, episode = self.task, self.seen_on_host()
+        _, scores = task.judge(episode)
+        return task.marks(episode, member), bool(task.parts and task.met(scores[1:])[member])
+
+    def seen_on_host(self) -> Episode:
+        """The present episode in NumPy arrays, which it is."""
+        return self.episode
 
     def observe(self) -> Any:
         """See ``Observer``."""

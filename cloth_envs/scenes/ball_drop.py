@@ -6,6 +6,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
+from cloth_envs.marks import Mark, dot, line, ring
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
@@ -24,6 +25,7 @@ DRIFT = 0.3  # m/s, largest starting velocity along x and y
 WAVE = 0.02  # m, largest starting waves
 HELD = 0.5  # m, mean height from which on the cloth counts as held up
 MARGIN = 0.35  # m
+NEAR = 0.075  # m, distance from the axis at which 0.9 are earned
 
 
 @documented
@@ -104,6 +106,11 @@ class BallDrop(Task):
         controls = self.hold(episode)
         push(controls.colliders, controls.collider_velocities, moved, speed)
         return controls
+
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        middle, ball = self.middle(episode)[member], episode.state.colliders[member, 0, 0]
+        below = np.array([*ball[:2], middle[2]])
+        return [line(ball, (*ball[:2], DROP[1])), ring(below, NEAR), dot(middle)]
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state

@@ -7,6 +7,7 @@ from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
+from cloth_envs.marks import Mark, ghost, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.scenes.drives import Drive, push
@@ -109,6 +110,12 @@ class Collision(Task):
         controls = self.hold(episode)
         push(controls.colliders, controls.collider_velocities, moved, speed)
         return controls
+
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        rows, columns = self.lattice[0] - 1, self.lattice[1]
+        wanted = np.stack([self.across, episode.memory["shape"][member], -self.depth], 1).reshape(rows, columns, 3)
+        net = [line(*points) for points in (*wanted, *wanted.swapaxes(0, 1))]
+        return [ghost(episode.memory["goal"][member], RADIUS), *net]
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state

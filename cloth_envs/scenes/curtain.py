@@ -8,6 +8,7 @@ from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
+from cloth_envs.marks import Mark, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive
@@ -120,6 +121,11 @@ class Curtain(Task):
     def covered(self, episode: Episode) -> np.ndarray:
         """Covered fraction of the window, ``(B,)``."""
         return mean_span(episode.state.positions, self.first, self.last)[:, 0] / self.scene.grid.width
+
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        x, y = episode.memory["target"][member] * self.scene.grid.width, episode.state.positions[member, 1, 0, -1]
+        bottom = -1.02 * self.scene.grid.height
+        return [line((0.0, y, bottom), (x, y, bottom), (x, y, 0.0))]  # what is to be covered, and its edge
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state

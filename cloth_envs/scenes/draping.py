@@ -6,6 +6,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
+from cloth_envs.marks import Mark, dot, ghost, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive
@@ -22,6 +23,7 @@ HANG = 0.63  # m, depth of the cloth's middle below the held point when it hangs
 TILT = 0.35 * np.pi  # rad, most that the starting cloth is let down from level
 WAVE = 0.02  # m, largest starting waves
 PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
+NEAR = 0.107  # m, distance of the goal at which 0.9 are earned for the place
 
 
 @documented
@@ -107,6 +109,10 @@ class Draping(Task):
     def held_point(self, episode: Episode) -> tuple[np.ndarray, np.ndarray]:
         """Its position [m] and velocity [m/s], ``(B, 3)`` each."""
         return episode.cloth[:, :, self.point], episode.cloth_velocity[:, :, self.point]
+
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        middle, goal = self.middle(episode)[member], episode.memory["goal"][member]
+        return [line(middle, goal), ghost(goal, NEAR), dot(middle)]
 
     def observe(self, episode: Episode) -> np.ndarray:
         middle = self.middle(episode), self.middle_velocity(episode)

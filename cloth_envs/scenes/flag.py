@@ -6,6 +6,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
+from cloth_envs.marks import Mark
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import GUST_TONES, Drive, gusty_wind, tones_of
@@ -20,6 +21,7 @@ WIND_SPEED = (2.0, 4.5)  # m/s, range of the mean wind
 FASTEST = 12.0  # m/s, of gusts and of the pole through the air
 ASIDE = 0.6  # rad, largest angle between the mean wind and the line to the onlooker
 GUST = 0.5  # of the mean
+SEEN_FROM = 1.0  # m from the pole, where pictures show the onlooker, who is far away
 BACKING = 0.4  # rad, how far gusts turn the wind
 
 
@@ -107,6 +109,11 @@ class Flag(Task):
         controls = self.carry(episode, state.positions[:, :2, 0, 0], state.velocities[:, :2, 0, 0], self.follow)
         controls.wind = self.wind(episode)
         return controls
+
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        pole = episode.state.positions[member, :, :, 0].mean(1)
+        place = pole[:2] + SEEN_FROM * episode.memory["onlooker"][member]
+        return [Mark("onlooker", np.array([[*place, 0.0], pole]))]
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state

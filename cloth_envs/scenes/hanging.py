@@ -8,6 +8,7 @@ from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
+from cloth_envs.marks import Mark, dot, ghost, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import GUST_TONES, Drive, gust, tones_of
@@ -26,6 +27,7 @@ WRAP = (0.6, 0.85)  # of a full turn, how far the starting cone closes
 EDGE_TURN = 1.4  # of the cone's sine times the cells along a side: edges of few cells would be chords of a narrow one
 SWING = 1.0  # rad/s, largest starting rate of swinging
 PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
+NEAR = 0.107  # m, distance of the goal at which 0.9 are earned for the place
 
 
 @documented
@@ -121,6 +123,10 @@ class Hanging(Task):
         controls = self.carry(episode, state.positions[:, :, 0, 0], state.velocities[:, :, 0, 0], self.follow)
         controls.pressure = BREEZE * gust(episode.memory["tones"], state.time[:, None])[:, 0]
         return controls
+
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        middle, goal = self.middle(episode)[member], episode.memory["goal"][member]
+        return [line(middle, goal), ghost(goal, NEAR), dot(middle)]
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state

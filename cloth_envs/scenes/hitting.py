@@ -6,6 +6,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
+from cloth_envs.marks import Mark, dot, ghost, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
@@ -23,6 +24,7 @@ DEPTH = (-0.9, -0.5)  # m, height of the starting ball below the upper edge
 PUSH = (0.15, 0.35)  # m, how far behind the hung cloth the target lies
 SIDE = 0.05  # m, most that the target lies beside the vertex
 MARGIN = 0.25  # m
+NEAR = 0.053  # m, distance of the target at which 0.9 are earned
 
 
 @documented
@@ -110,6 +112,10 @@ class Hitting(Task):
     def vertex(self, episode: Episode, field: np.ndarray) -> np.ndarray:
         """A field ``(B, 3, H, W)`` at each cloth's marked vertex, ``(B, 3)``."""
         return (points(field, self.keypoints) * episode.memory["marked"][:, None]).sum(2)
+
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        vertex, target = self.vertex(episode, episode.state.positions)[member], episode.memory["target"][member]
+        return [line(vertex, target), ghost(target, NEAR), dot(vertex)]
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state

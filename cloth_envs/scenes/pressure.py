@@ -6,6 +6,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
+from cloth_envs.marks import Mark, dot, line, ring
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene
 from cloth_envs.scenes.drives import GUST_TONES, gust, pump, tones_of
@@ -91,6 +92,11 @@ class Pressure(Task):
     def target(self, episode: Episode) -> np.ndarray:
         """The wanted apex height now and in 0.1 s, ``(B, 2)`` [m]."""
         return TARGET_HEIGHT * gust(episode.memory["tones"], episode.state.time[:, None] + self.preview)
+
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        apex, target = episode.cloth[member, :, self.apex], self.target(episode)[member, 0]
+        ruler = line((0.0, 0.0, -TARGET_HEIGHT), (0.0, 0.0, TARGET_HEIGHT), own=True)
+        return [ruler, dot(apex), ring(np.array([0.0, 0.0, target]), TARGET_HEIGHT)]
 
     def observe(self, episode: Episode) -> np.ndarray:
         height, velocity = episode.cloth[:, 2, self.apex], episode.cloth_velocity[:, 2, self.apex]

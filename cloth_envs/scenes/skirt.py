@@ -10,6 +10,7 @@ from cloth_envs.figure import body
 from cloth_envs.figure.dance import dance, stand
 from cloth_envs.figure.motion import Motion
 from cloth_envs.grid import Grid
+from cloth_envs.marks import Mark, ring
 from cloth_envs.material import FABRICS, Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive
@@ -182,6 +183,12 @@ class Skirt(Task):
         state, xp = episode.state, array_namespace(episode.action)
         hem, hips = (xp.astype(part, xp.float64) for part in (state.positions[:, :2, -1], state.colliders[:, 0]))
         return xp.sqrt(xp.square(hem - hips.mean(1)[:, :2, None]).sum(1)).mean(1)
+
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        height = episode.state.positions[member, 2, -1].mean()
+        hips = episode.state.colliders[member, 0, :, :2].mean(0)
+        centre, hem = np.array([*hips, height]), float(self.hem(episode)[member])
+        return [ring(centre, hem, own=True), ring(centre, float(episode.memory["target"][member]))]
 
     def observe(self, episode: Episode) -> np.ndarray:
         hips, speed = episode.state.colliders[:, 0], episode.state.collider_velocities[:, 0]

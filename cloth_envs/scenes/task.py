@@ -14,6 +14,7 @@ from array_api_compat import array_namespace, device
 
 from cloth_envs.failure import MAX_STRAIN
 from cloth_envs.grid import Grid
+from cloth_envs.marks import Mark
 from cloth_envs.material import Material
 from cloth_envs.registry import EPISODE_FRAMES
 from cloth_envs.scene import Scene
@@ -207,6 +208,10 @@ class Task(ABC):
     def speed(self, episode: Episode, first: int = 0, last: int = 3) -> np.ndarray:
         """Root mean square over the keypoints of velocity components ``first`` to ``last - 1``, ``(B,)`` [m/s]."""
         return measures.root_mean_square(episode.state.velocities, self.keypoints, first, last)
+
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        """What pictures of a member show of its goal; NumPy arrays only."""
+        return []
 
     @abstractmethod
     def observe(self, episode: Episode) -> np.ndarray:
