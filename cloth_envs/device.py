@@ -189,7 +189,7 @@ class DeviceWorld(World):
             self._take_back(before, *last)
             raise ValueError("action holds NaN or infinity; the state is unchanged, pass numbers in [-1, 1]")
         reasons = self._put_back(before) if lost else {}
-        self._last_second.append(1.0 * self.rewards)
+        self._last_second.append(self.rewards)
         return self.rewards, reasons
 
     @property

@@ -38,7 +38,7 @@ def ghost(at: np.ndarray, radius: float) -> Mark:
     return Mark("ghost", np.asarray(at, float)[None], radius=radius)
 
 
-def line(*points: np.ndarray, own: bool = False) -> Mark:
+def line(*points: np.ndarray | tuple[float, ...], own: bool = False) -> Mark:
     """A line through points ``(3,)`` [m]."""
     return Mark("line", np.array(points, float), own)
 

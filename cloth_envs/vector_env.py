@@ -168,7 +168,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         self.world.reset(rngs)
         self._ended[which] = False
         if self.render_mode is not None:
-            now = self.world.read_only().select(range(min(DRAWN, self.num_envs)))
+            now = self.world.read_only().select(slice(DRAWN))
             if self._starts is None:
                 self._starts = now
             drawn = which[which < DRAWN]
@@ -205,7 +205,8 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
                 f"environments {again.tolist()} have ended: reset them with "
                 'reset(options={"reset_mask": terminated | truncated})'
             )
-        rewards, reasons = world.advance(world.read(actions))
+        earned, reasons = world.advance(world.read(actions))
+        rewards = 1.0 * earned  # the caller's
         terminated = np.zeros(n, bool)
         terminated[list(reasons)] = True
         truncated = np.zeros(n, bool) if self._limit is None else world.frames >= self._limit

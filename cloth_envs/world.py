@@ -113,6 +113,7 @@ class World:
         self.rewards = np.zeros(num_envs)
         self.varied = np.zeros((num_envs, len(self.ranges)))
         self._scores: tuple[np.ndarray, ...] = ()
+        self._parts = [f"reward_{name}" for name in self.task.parts]
         self._last_second: deque[Any] = deque(maxlen=max(1, round(1 / self.scene.frame_dt)))
 
         known = (self.varied, np.array(list(self.ranges.values())).T) if observed else ()
@@ -267,7 +268,10 @@ class World:
         return read_actions(actions, (self.num_envs, len(self.task.actions)), self.task.actions)
 
     def advance(self, actions: np.ndarray) -> tuple[np.ndarray, dict[int, str]]:
-        """``step`` by actions that were read already. Tells why of those members that failed."""
+        """``step`` by actions that were read already. Tells why of those members that failed.
+
+        The rewards stay this world's, to read.
+        """
         episode = self.episode
         before, clipped = episode.state, clip_actions(actions)
         if clipped is None:
@@ -288,20 +292,19 @@ class World:
             for values in (rewards, *self._scores[1:]):
                 values[failed] = 0.0
         self.rewards = rewards
-        self._last_second.append(1.0 * rewards)
+        self._last_second.append(rewards)
         return rewards, reasons
 
     @property
     def told(self) -> dict[str, Any]:
         """What ``info`` tells of the last frame, ``(B,)`` each: parts of the reward, success, distance and strain."""
-        told: dict[str, Any] = {}
+        told: dict[str, Any] = {"strain": self.strain}
         if self._scores:
-            distance, *parts = self._scores
-            told = {f"reward_{name}": part for name, part in zip(self.task.parts, parts, strict=False)}
-            if told:
+            told["distance"], *parts = self._scores
+            if self._parts:
                 told["success"] = self.task.met(parts)
-            told["distance"] = distance
-        return told | {"strain": self.strain}
+                told.update(zip(self._parts, parts, strict=True))
+        return told
 
     @property
     def strain(self) -> Any:

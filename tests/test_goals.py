@@ -88,7 +88,6 @@ def test_members_of_a_vector_environment_are_drawn_as_each_alone() -> None:
     for _ in range(3):
         many.step(np.ones(many.action_space.shape, np.float32))
     member = World("Hitting", resolution=(13, 17))
-    member.reset({0: many.world.rngs[1]})
     many.reset(seed=[None, 7], options={"reset_mask": np.array([False, True])})
     member.reset({0: gym.utils.seeding.np_random(7)[0]})
     marks, met = member.goal(0)

@@ -7,6 +7,7 @@ import numpy as np
 
 from cloth_envs.marks import Mark
 from cloth_envs.rendering import look
+from cloth_envs.style import INK
 
 DOT, FIGURE = 0.014, 0.30  # of the cloth's longer side: radius of a dot, height of an onlooker
 
@@ -36,7 +37,7 @@ class Goals:
             self.shown = [(mark, self._made(mark)) for mark in marks]
         for mark, (_, actors) in zip(marks, self.shown, strict=True):
             for actor in actors:
-                actor.prop.color = look.INK if mark.own else look.MET if met else look.GOAL
+                actor.prop.color = INK if mark.own else look.MET if met else look.GOAL
             self._move(mark, actors, ground)
 
     def _made(self, mark: Mark) -> list[Any]:

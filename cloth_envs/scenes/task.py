@@ -5,8 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from inspect import cleandoc
-from math import prod
-from operator import and_
+from operator import mul
 from typing import Any, ClassVar
 
 import numpy as np
@@ -231,17 +230,25 @@ class Task(ABC):
 
     def reward(self, episode: Episode) -> np.ndarray:
         """``(B,)`` in [0, 1]: the product of the parts, where a scene has no other."""
-        return prod(self.score(episode)[1:])  # type: ignore[return-value]
+        return _product(self.score(episode)[1:])
 
     def judge(self, episode: Episode) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
         """The reward and the score of a frame, of which what is measured is measured once."""
         scores = self.score(episode)
         own = type(self).reward is not Task.reward
-        return self.reward(episode) if own else prod(scores[1:]), scores  # type: ignore[return-value]
+        return self.reward(episode) if own else _product(scores[1:]), scores
 
     def met(self, parts: Sequence[np.ndarray]) -> np.ndarray:
         """Whether a frame of these ``parts`` is a success, bool ``(B,)``: each is at least ``enough``."""
-        return reduce(and_, (part >= self.enough for part in parts))
+        met = parts[0] >= self.enough
+        for part in parts[1:]:
+            met = met & (part >= self.enough)
+        return met
+
+
+def _product(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """A new array, also of one part."""
+    return reduce(mul, parts) if len(parts) > 1 else 1.0 * parts[0]
 
 
 def _one_of(task: type[Task]) -> Callable[[Task, np.random.Generator], Start]:
