@@ -101,6 +101,22 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> Pa
     sub.add_argument("--out", metavar="DIR", help="default ./compare_<scene>; files in it are replaced")
     sub.add_argument("--no-video", dest="video", action="store_false", help="table and chart only")
 
+    sub = command("evaluate", "A policy on the physics it was trained on and on the one that counts, from equal seeds.")
+    sub.add_argument("policy", metavar="POLICY", help="controller, zero, random, module:function, a .zip or .pt file")
+    sub.add_argument("--scene", metavar="SCENE", required=True, help="a scene's name")
+    sub.add_argument(
+        "--train-backend",
+        metavar="NAME[=JSON]",
+        default='miniature={"factor": 4}',
+        help="what it was trained on (default 'miniature={\"factor\": 4}')",
+    )
+    sub.add_argument("--certify", metavar="NAME[=JSON]", default="reference", help="what counts (default reference)")
+    sub.add_argument("--seeds", type=_at_least(2), default=16, help="how many (default 16)")
+    sub.add_argument("--first-seed", type=_at_least(0), default=900_000, help="the first of them (default 900000)")
+    sub.add_argument("--frames", type=_at_least(1), help="default: the scene's episode")
+    sub.add_argument("--beside", default="controller", help="others to compare with, by commas (default controller)")
+    sub.add_argument("--out", metavar="OUT.md", help="the page as a file too")
+
     sub = command("bench", "Run a benchmark; without NAME they are listed.")
     sub.add_argument("benchmark", metavar="NAME", nargs="?")
     sub.add_argument("options", nargs=argparse.REMAINDER, help="its own options, see `minicloth bench NAME --help`")
