@@ -10,9 +10,9 @@ import numpy as np
 
 from cloth_envs.evaluation import Policy
 from cloth_envs.extras import install
-from cloth_envs.naming import unknown_name
+from cloth_envs.naming import resolve, unknown_name
 from cloth_envs.policies import CONTROLLERS
-from cloth_envs.registry import load_task, resolve
+from cloth_envs.registry import load_task
 
 NAMED = ("zero", "random", "controller")
 

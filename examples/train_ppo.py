@@ -76,7 +76,7 @@ class Players:
         self.env = gym.make_vec(cloth_envs.env_id(scene), num_envs=MEMBERS, **ours)
         self.seen, _ = self.env.reset(seed=seed)
         self.length = cloth_envs.EPISODE_FRAMES[scene]
-        self.left, self.sums = np.linspace(1, self.length, MEMBERS).astype(int), np.zeros(MEMBERS)
+        self.left, self.sums, self.failed = np.linspace(1, self.length, MEMBERS).astype(int), np.zeros(MEMBERS), 0
 
     @torch.no_grad()
     def play(self, agent: Agent) -> tuple[list[torch.Tensor], float]:
@@ -87,7 +87,7 @@ class Players:
             x = agent.scaled(self.seen)
             actions = agent.actor(x) + agent.log_spread.exp() * torch.randn(MEMBERS, len(agent.log_spread))
             self.seen, rewards, terminated, _, _ = self.env.step(actions.clamp(-1, 1).numpy())
-            self.left -= 1
+            self.left, self.failed = self.left - 1, self.failed + int(terminated.sum())
             ended = terminated | (self.left == 0)
             self.sums = DISCOUNT * self.sums + rewards
             agent.earned.add(self.sums[:, None])
