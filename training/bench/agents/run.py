@@ -116,11 +116,15 @@ class Training:
 
 
 def fill(session: Session, scene: str, schedule: str, seed: int, work: Work) -> None:
-    """Train once and score what the session's store lacks of it."""
-    store, training = session.store(STEM), Training()
+    """Train once and score what the session's stores lack of it."""
+    store, floors = session.store(STEM), session.store(FLOOR_STEM)
+    for who in (ZERO, HAND):
+        if (scene, who) not in floors:
+            found = play(scene, load_policy(who, scene), HELD_OUT, frames=work.frames)
+            floors.add(FloorRow(scene, who, round(found.reward.mean(), 4), round(found.success.mean(), 4)))
     if (scene, schedule, seed, work.points) in store:
         return
-    stages, rows = SCHEDULES[schedule], []
+    training, stages, rows = Training(), SCHEDULES[schedule], []
     for point in training.run(scene, stages, seed, work.seconds, work.points):
         true = play(scene, training.policy(), HELD_OUT, frames=work.frames)
         gap = (0.0, 0.0)
@@ -143,12 +147,6 @@ def measure(session: Session) -> None:
     session.about |= {"threads": 1, "seconds": work.seconds, "held_out": list(HELD_OUT), "schedules": SCHEDULES}
     torch.set_num_threads(1)
     scenes = session.scenes[:1] if session.quick else session.scenes
-    floors = session.store(FLOOR_STEM)
-    for scene in scenes:
-        for who in (ZERO, HAND):
-            if (scene, who) not in floors:
-                found = play(scene, load_policy(who, scene), HELD_OUT, frames=work.frames)
-                floors.add(FloorRow(scene, who, round(found.reward.mean(), 4), round(found.success.mean(), 4)))
     jobs = [(s, n, seed) for seed in range(1 if session.quick else given.seeds) for n in names for s in scenes]
     for scene, name, seed in progress(jobs, "trainings", name=lambda job: ", ".join(map(str, job))):
         fill(session, scene, name, seed, work)
