@@ -144,7 +144,9 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         chosen = read_actions(action, self.world.action_space.shape, self.world.task.actions)
         rewards, reasons = self.world.advance(chosen[None])
         observation = self._observation()
-        info: dict[str, Any] = {name: values.item() for name, values in self.world.told.items()} | self._material()
+        info = self.world.told_of_one
+        if self.world.ranges:
+            info |= self._material()
         if reasons:
             info["failure"] = reasons[0]
         if reasons or self._limits.reached():

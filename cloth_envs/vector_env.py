@@ -285,6 +285,8 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         ended = check_array("ended", state["ended"], self._ended.shape, "b")
         self.world.set_state({name: value for name, value in state.items() if name != "ended"})
         self._ended = ended
+        if self._starts is None and self.render_mode is not None:
+            self._starts = self.world.read_only().select(slice(DRAWN))
 
 
 def _on_its_device(world: World) -> World:

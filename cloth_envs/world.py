@@ -298,9 +298,18 @@ class World:
     @property
     def told(self) -> dict[str, Any]:
         """What ``info`` tells of the last frame, ``(B,)`` each: parts of the reward, success, distance and strain."""
-        told: dict[str, Any] = {"strain": self.strain}
-        if self._scores:
-            told["distance"], *parts = self._scores
+        return self._named(self._scores, self.strain)
+
+    @property
+    def told_of_one(self) -> dict[str, Any]:
+        """``told`` of a batch of one, as Python's own numbers."""
+        ((finite, strain, _),) = self.failures.health
+        return self._named([values.item() for values in self._scores], strain if finite else inf)
+
+    def _named(self, scores: Sequence[Any], strain: Any) -> dict[str, Any]:
+        told: dict[str, Any] = {"strain": strain}
+        if scores:
+            told["distance"], *parts = scores
             if self._parts:
                 told["success"] = self.task.met(parts)
                 told.update(zip(self._parts, parts, strict=True))

@@ -33,7 +33,7 @@ from training.bench.agents.rows import (
     table,
 )
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
-from training.rows import read_names
+from training.rows import read_names, rounded
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "train_ppo.py"
 Stage = tuple[str, dict[str, Any], float]  # backend, its options, share of the time
@@ -133,9 +133,9 @@ def fill(session: Session, scene: str, schedule: str, seed: int, work: Work) -> 
             own = play(scene, training.policy(), HELD_OUT, frames=work.frames, backend=backend, backend_kwargs=options)
             verdict = Verdict(own, true)
             gap = verdict.gap.mean, verdict.gap.half
-        numbers = round(training.seconds, 1), training.frames, training.reference_frames
-        earned = [float(f"{value:.4g}") for value in (true.reward.mean(), true.success.mean(), *gap)]
-        rows.append(AgentRow(scene, schedule, seed, point, *numbers, *earned, training.failed))  # type: ignore[arg-type]
+        cost = round(training.seconds, 1), training.frames, training.reference_frames
+        earned = float(true.reward.mean()), float(true.success.mean())
+        rows.append(rounded(AgentRow(scene, schedule, seed, point, *cost, *earned, *gap, training.failed)))
     store.add(*rows)
 
 
