@@ -13,6 +13,7 @@ import cloth_envs
 from cloth_envs import EPISODE_FRAMES
 from cloth_envs.policies import CONTROLLERS
 from cloth_envs.scenes.flag import Flag
+from cloth_envs.scenes.measures import tolerance, within
 from cloth_envs.scenes.task import Episode
 from cloth_envs.world import World
 
@@ -47,6 +48,11 @@ def test_parts_make_the_reward_and_the_distance_its_first(scene: str) -> None:
             first = 1 - away if scene == "Flag" else 0.1 ** ((away / MARGIN[scene]) ** 2)
             assert parts[0] == pytest.approx(first, rel=1e-6, abs=1e-12)
             assert -1 < info["strain"] < task.max_strain
+
+
+def test_what_is_near_enough_earns_nine_tenths() -> None:
+    for margin in (0.025, 0.5):
+        assert tolerance(np.array([within(margin)]), margin) == pytest.approx(0.9)
 
 
 def test_success_is_every_part_at_once() -> None:

@@ -10,7 +10,7 @@ from cloth_envs.marks import Mark, dot, line, ring
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
-from cloth_envs.scenes.measures import columns, length, ramp, tolerance
+from cloth_envs.scenes.measures import columns, length, ramp, tolerance, within
 from cloth_envs.scenes.starts import between
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -25,7 +25,7 @@ DRIFT = 0.3  # m/s, largest starting velocity along x and y
 WAVE = 0.02  # m, largest starting waves
 HELD = 0.5  # m, mean height from which on the cloth counts as held up
 MARGIN = 0.35  # m
-NEAR = 0.075  # m, distance from the axis at which 0.9 are earned
+NEAR = within(MARGIN)  # m, distance from the axis that is near enough
 
 
 @documented

@@ -10,7 +10,7 @@ from cloth_envs.marks import Mark, dot, ghost, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive
-from cloth_envs.scenes.measures import columns, length, tolerance
+from cloth_envs.scenes.measures import columns, length, tolerance, within
 from cloth_envs.scenes.starts import rotation
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -23,7 +23,7 @@ HANG = 0.63  # m, depth of the cloth's middle below the held point when it hangs
 TILT = 0.35 * np.pi  # rad, most that the starting cloth is let down from level
 WAVE = 0.02  # m, largest starting waves
 PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
-NEAR = 0.107  # m, distance of the goal at which 0.9 are earned for the place
+NEAR = within(PLACE_MARGIN)  # m, distance of the goal that is near enough
 
 
 @documented

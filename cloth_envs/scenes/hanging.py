@@ -12,7 +12,7 @@ from cloth_envs.marks import Mark, dot, ghost, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import GUST_TONES, Drive, gust, tones_of
-from cloth_envs.scenes.measures import columns, length, tolerance
+from cloth_envs.scenes.measures import columns, length, tolerance, within
 from cloth_envs.scenes.starts import between, rotation
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -27,7 +27,7 @@ WRAP = (0.6, 0.85)  # of a full turn, how far the starting cone closes
 EDGE_TURN = 1.4  # of the cone's sine times the cells along a side: edges of few cells would be chords of a narrow one
 SWING = 1.0  # rad/s, largest starting rate of swinging
 PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
-NEAR = 0.107  # m, distance of the goal at which 0.9 are earned for the place
+NEAR = within(PLACE_MARGIN)  # m, distance of the goal that is near enough
 
 
 @documented

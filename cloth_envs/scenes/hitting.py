@@ -10,7 +10,7 @@ from cloth_envs.marks import Mark, dot, ghost, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
-from cloth_envs.scenes.measures import columns, length, points, tolerance
+from cloth_envs.scenes.measures import columns, length, points, tolerance, within
 from cloth_envs.scenes.starts import either, pleats
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -24,7 +24,7 @@ DEPTH = (-0.9, -0.5)  # m, height of the starting ball below the upper edge
 PUSH = (0.15, 0.35)  # m, how far behind the hung cloth the target lies
 SIDE = 0.05  # m, most that the target lies beside the vertex
 MARGIN = 0.25  # m
-NEAR = 0.053  # m, distance of the target at which 0.9 are earned
+NEAR = within(MARGIN)  # m, distance of the target that is near enough
 
 
 @documented

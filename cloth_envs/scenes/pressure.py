@@ -20,6 +20,7 @@ PUMP = 0.06  # s, time in which the pressure approaches the wanted one
 TARGET_HEIGHT = 0.15  # m, times a gust signal in [-1, 1]
 PREVIEW = [0.0, 0.1]  # s, the target is shown now and ahead
 MARGIN = 0.05  # m
+RING = 0.15  # m, radius of the mark at the target height
 BULGE = 0.04  # m, largest starting apex height
 
 
@@ -96,7 +97,7 @@ class Pressure(Task):
     def marks(self, episode: Episode, member: int) -> list[Mark]:
         apex, target = episode.cloth[member, :, self.apex], self.target(episode)[member, 0]
         ruler = line((0.0, 0.0, -TARGET_HEIGHT), (0.0, 0.0, TARGET_HEIGHT), own=True)
-        return [ruler, dot(apex), ring(np.array([0.0, 0.0, target]), TARGET_HEIGHT)]
+        return [ruler, dot(apex), ring(np.array([0.0, 0.0, target]), RING)]
 
     def observe(self, episode: Episode) -> np.ndarray:
         height, velocity = episode.cloth[:, 2, self.apex], episode.cloth_velocity[:, 2, self.apex]

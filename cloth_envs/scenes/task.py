@@ -22,7 +22,19 @@ from cloth_envs.state import Controls, State
 
 # What a task tells agents of its cloth, which moves the same whatever that is.
 TOLD = frozenset(
-    ("observe", "extras", "extras_bound", "lattice", "reward", "score", "parts", "away", "enough", "max_strain")
+    (
+        "observe",
+        "extras",
+        "extras_bound",
+        "lattice",
+        "reward",
+        "score",
+        "parts",
+        "away",
+        "enough",
+        "marks",
+        "max_strain",
+    )
 )
 
 
