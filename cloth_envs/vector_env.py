@@ -216,7 +216,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         ended = self._ended = terminated | truncated
         infos: dict[str, Any] = {}
         if ended.any():
-            infos = self._told("reward_final_second", world.final_second(), ended)
+            infos = self._tell("reward_final_second", world.final_second(), ended)
         if terminated.any():
             told = np.full(n, None, dtype=object)
             for i in np.flatnonzero(terminated).tolist():
@@ -253,10 +253,10 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         known = which & ~np.isnan(error)
         told = _told("guard", guarded, guarded) | _told("crossings_at_start", crossings, crossings > 0)
         for name, values in self.world.told.items():
-            told |= self._told(name, values, which)
+            told |= self._tell(name, values, which)
         return told | _told("measured_error", np.where(known, error, 0.0), known)
 
-    def _told(self, name: str, values: Any, which: np.ndarray) -> dict[str, Any]:
+    def _tell(self, name: str, values: Any, which: np.ndarray) -> dict[str, Any]:
         """``_told`` of numbers or flags as the world has them, for those of all members."""
         if not which.all():
             xp = array_namespace(values)
