@@ -259,8 +259,12 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
     def _tell(self, name: str, values: Any, which: np.ndarray) -> dict[str, Any]:
         """``_told`` of numbers or flags as the world has them, for those of all members."""
         if not which.all():
-            xp = array_namespace(values)
-            values = xp.where(self.world.flags(which), values, xp.zeros_like(values))
+            xp, rest = array_namespace(values), ~which
+            nothing = xp.zeros_like(values)
+            if rest.sum() < which.sum():  # the fewer are sent to a device
+                values = xp.where(self.world.flags(rest), nothing, values)
+            else:
+                values = xp.where(self.world.flags(which), values, nothing)
         return _told(name, self._out(values), which)
 
     def _material(self, which: np.ndarray) -> dict[str, Any]:
