@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -52,6 +53,11 @@ class DeviceWorld(World):
         self._observer.task = self._task
         if hasattr(self.task, "drive"):
             self._task.drive = moved(self.task.drive, self.device)
+
+    def _vary(self, which: Sequence[int]) -> None:
+        super()._vary(which)
+        if self._observer.material is not None:
+            self._observer.material[list(which)] = to_device(self.varied[which], self.device)
 
     def read_only(self) -> State:
         return on_host(self.state).read_only()
@@ -133,24 +139,27 @@ class DeviceWorld(World):
         return ~good
 
     def _judged(self) -> list[Any]:
-        """Whether actions are numbers and a member has failed, ``(2,)``; rewards, observations."""
+        """Whether actions are numbers and a member has failed, ``(2,)``; rewards, scores, observations."""
         episode = self._as_seen()
         observed = self._observer(episode)
         flags = torch.stack([self._given.isfinite().all(), self._failed().any()])
-        return [flags, self._task.reward(episode), *(observed.values() if isinstance(observed, dict) else [observed])]
+        rewards, scores = self._task.judge(episode)
+        self._scored = len(scores)
+        return [flags, rewards, *scores, *(observed.values() if isinstance(observed, dict) else [observed])]
 
     def _find(self) -> Tensor:
-        """Rewards and observations of the present state. Returns the flags of ``_judged``."""
+        """Rewards, scores and observations of the present state. Returns the flags of ``_judged``."""
         flags, self.rewards, *parts = self._judge()
+        self._scores, parts = tuple(parts[: self._scored]), parts[self._scored :]
         names = self.observer.space
         self._observed = dict(zip(names, parts, strict=True)) if isinstance(names, spaces.Dict) else parts[0]
         return flags
 
     def observe(self) -> Any:
         if self._observed is None:
-            rewards = self.rewards
+            judged = self.rewards, self._scores
             self._find()
-            self.rewards = rewards
+            self.rewards, self._scores = judged
         return self._observed
 
     def read(self, actions: Any) -> Any:
@@ -172,12 +181,23 @@ class DeviceWorld(World):
         self.frames += 1
         tick(self._frames, self.scene.frame_dt, episode.state.time)
         self._look()
+        finite, strain, _ = self._health.double().unbind(1)
+        self._strain: Any = strain.where(finite > 0, inf)
         usable, lost = self._find().tolist()
         if not usable:
             self._take_back(before, *last)
             raise ValueError("action holds NaN or infinity; the state is unchanged, pass numbers in [-1, 1]")
         reasons = self._put_back(before) if lost else {}
+        self._last_second.append(self.rewards)
         return self.rewards, reasons
+
+    @property
+    def strain(self) -> Any:
+        return self._strain
+
+    def final_second(self) -> Any:
+        frames = torch.arange(len(self._last_second), device=self.device).flip(0)[:, None] < self._frames
+        return (torch.stack(list(self._last_second)) * frames).sum(0) / frames.sum(0).clip(1)
 
     def _put_back(self, before: State) -> dict[int, str]:
         """Bring members that have failed back to their last good state. Returns why."""
@@ -191,7 +211,8 @@ class DeviceWorld(World):
         good.time = self._seen.time[which]
         self._replace(which, members, good)
         self._find()
-        self.rewards[which] = 0.0
+        for values in (self.rewards, *self._scores[1:]):
+            values[which] = 0.0
         return reasons
 
     def _take_back(self, before: State, action: Any, controls: Controls | None) -> None:
@@ -203,8 +224,15 @@ class DeviceWorld(World):
         self.episode.state = self.backend.state
         self._look()
 
+    def seen_on_host(self) -> Episode:
+        episode = self.episode
+        return Episode(on_host(episode.state), to_host(episode.memory), to_host(episode.action))
+
     def on_host(self, values: Any) -> Any:
         return to_host(values)
+
+    def _there(self, values: np.ndarray) -> Any:
+        return to_device(values, self.device)
 
     def flags(self, which: np.ndarray) -> Any:
         """Bools ``(B,)`` as a tensor; only which are true is sent."""

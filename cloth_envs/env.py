@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 
 from cloth_envs import folds
-from cloth_envs.arguments import check_reset_options, check_seed, one_of, read_actions
+from cloth_envs.arguments import check_reset_options, check_seed, one_of, read_actions, true_or_false
 from cloth_envs.backend import plain_words
 from cloth_envs.observation import member
 from cloth_envs.options import check_options
@@ -35,7 +35,9 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         obs: ``"keypoints"``, a flat Box, or ``"mesh"``, a Dict of the geometry image ``mesh`` ``(6, H, W)``
             (positions, velocities) and the numbers of the ``task``.
         material: a fabric's name or a dict of ``Material`` properties.
-        randomize: ``{property: (low, high)}``, drawn uniformly at every reset.
+        randomize: ``{property: (low, high)}``, drawn uniformly at every reset, and told by ``info["material"]``.
+        observe_material: whether observations hold these properties too, before the numbers of the ``task``: where in
+            its range each is, from -1 to 1. In ``"mesh"`` ones they are ``material``.
         resolution: ``(rows, cols)`` of the grid, at equal size and material.
         preset: a paper's set-up, by name or ``{"name": ..., option: number}`` (see ``minicloth list``); zero actions
             are then the paper's scene. ``"lee2019"`` steps by P-ADMM, as its paper did, where ``backend_kwargs`` names
@@ -43,6 +45,8 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         self_contact: whether the cloth's folds keep out of each other; by default as the scene lists it, where the
             physics can. ``scene.describe()`` says what is modelled.
         render_mode: ``"rgb_array"`` (uint8 ``(480, 640, 3)``) or ``"depth_array"`` (float32 [m]).
+        show_goal: whether pictures show what the task wants: violet, and green in frames of success; in ink, what the
+            cloth does. Depth does not.
 
     Raises:
         ValueError: a bad argument; says what to write instead.
@@ -50,11 +54,12 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array", "depth_array"], "render_fps": 25}  # noqa: RUF012
 
-    def __init__(self, scene: str, *, render_mode: str | None = None, **options: Any) -> None:
+    def __init__(self, scene: str, *, render_mode: str | None = None, show_goal: bool = True, **options: Any) -> None:
         options = plain_words(options)
         check_options(options, World, type(self))
         if render_mode is not None:
             one_of("render_mode", render_mode, self.metadata["render_modes"])
+        self.show_goal = true_or_false("show_goal", show_goal)
         self.world = World(scene, **options)
         if options.get("resolution") is not None:
             folds.warn_coarse(self.world.scene)
@@ -124,7 +129,12 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         self.world.reset({0: self.np_random})
         self._start = None if self.render_mode is None else self.state.copy()
         why = self.world.surrogate[0]
-        return self._observation(), {"surrogate": why} if why else {}
+        return self._observation(), ({"surrogate": why} if why else {}) | self._material()
+
+    def _material(self) -> dict[str, Any]:
+        """``info["material"]``, where it is randomised."""
+        world = self.world
+        return {"material": dict(zip(world.ranges, world.varied[0].tolist(), strict=True))} if world.ranges else {}
 
     def describe(self) -> str:
         """What the physics models and what it does not, and by what means, as text."""
@@ -134,7 +144,13 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         chosen = read_actions(action, self.world.action_space.shape, self.world.task.actions)
         rewards, reasons = self.world.advance(chosen[None])
         observation = self._observation()
-        info: dict[str, Any] = {"failure": reasons[0]} if reasons else {}
+        info = self.world.told_of_one
+        if self.world.ranges:
+            info |= self._material()
+        if reasons:
+            info["failure"] = reasons[0]
+        if reasons or self._limits.reached():
+            info["reward_final_second"] = self.world.final_second().item()
         if self.world.guarded[0]:
             info["guard"] = True
         if crossings := int(self.world.crossings[0]):
@@ -177,8 +193,10 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
             from cloth_envs.rendering import Renderer
 
             self._renderer = Renderer(self.scene)
-        draw = self._renderer.draw if self.render_mode == "rgb_array" else self._renderer.depth
-        return draw(self.state, start=self._start)
+        if self.render_mode == "depth_array":
+            return self._renderer.depth(self.state, start=self._start)
+        marks, met = self.world.goal(0) if self.show_goal else ((), False)
+        return self._renderer.draw(self.state, start=self._start, marks=marks, met=met)
 
     def close(self) -> None:
         if self._renderer is not None:

@@ -23,10 +23,11 @@ class Failures:
 
     def __init__(self, scene: Scene, max_strain: float = MAX_STRAIN) -> None:
         self.grid, self.max_strain = scene.grid, max_strain
+        self.health: Health = []  # of the frame checked last
 
     def check(self, before: State, after: State) -> dict[int, str]:
         """The reason of each member of the batch that has failed."""
-        now = after.health or find(self.grid, after)
+        now = self.health = after.health or find(self.grid, after)
         for finite, strain, kinetic in now:
             if not (finite and strain <= self.max_strain and kinetic <= MAX_ENERGY_JUMP):
                 break

@@ -25,6 +25,7 @@ class Snapshot:
         state: the batch's. memory: of the task, ``(B, ...)`` each. own: of the backend, the same.
         frames: of every episode, ``(B,)``.
         materials: one a member. rngs: one a member, None where none is known.
+        last_second: rewards of the frames of the last second, ``(B, N)``, newest last.
     """
 
     scene: Scene
@@ -36,13 +37,15 @@ class Snapshot:
     frames: np.ndarray
     materials: list[Material]
     rngs: list[np.random.Generator | None]
+    last_second: np.ndarray
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Copies by name, as ``other`` takes them back."""
         named = {f"state.{name}": value for name, value in self.state.arrays().items()}
         named |= {f"memory.{name}": value for name, value in self.memory.items()}
         named |= {f"{OWN}{name}": value for name, value in self.own.items()}
-        saved = {name: value.copy() for name, value in (named | {"frames": self.frames}).items()}
+        named |= {"frames": self.frames, "last_second": self.last_second}
+        saved = {name: value.copy() for name, value in named.items()}
         saved["materials"] = np.array([[getattr(m, p) for p in PROPERTIES] for m in self.materials])
         texts = [json.dumps(rng and rng.bit_generator.state, default=np.ndarray.tolist) for rng in self.rngs]
         return saved | {"rng": np.array(texts), "scene": np.array(self._identity()), "backend": np.array(self.physics)}
@@ -89,6 +92,7 @@ class Snapshot:
             own=_under(OWN, values),
             frames=values["frames"].astype(np.int64),
             materials=[Material(**dict(zip(PROPERTIES, row, strict=True))) for row in values["materials"].tolist()],
+            last_second=values["last_second"],
             rngs=[_generator(text) or old for text, old in zip(texts.tolist(), self.rngs, strict=True)],
         )
 
@@ -105,7 +109,8 @@ class Snapshot:
         state |= {"wind": (3,), "pressure": (), "time": (), "colliders": bodies, "collider_velocities": bodies}
         found = {f"state.{name}": (batch, *shape) for name, shape in state.items()}
         found |= {f"memory.{name}": value.shape for name, value in self.memory.items()}
-        return found | {"frames": (batch,), "materials": (batch, len(PROPERTIES)), "rng": (batch,)}
+        found |= {"frames": (batch,), "materials": (batch, len(PROPERTIES)), "rng": (batch,)}
+        return found | {"last_second": self.last_second.shape}
 
     def _check_time(self, frames: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Frames times the frame. Raises ValueError: ``time`` is another one, or frames are negative."""

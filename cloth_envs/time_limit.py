@@ -30,6 +30,14 @@ class TimeLimits:
             if limit._elapsed_steps == before:
                 limit._elapsed_steps = after
 
+    def reached(self) -> bool:
+        """Whether the running ``step`` is the last that one of them allows."""
+        for known in self._known:
+            limit = known()
+            if limit is not None and (limit._elapsed_steps or 0) + 1 >= limit._max_episode_steps:
+                return True
+        return False
+
     def _now(self) -> list[TimeLimit[Any, Any]]:
         return [limit for known in self._known if (limit := known()) is not None]
 

@@ -3,15 +3,25 @@
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import gymnasium as gym
 import numpy as np
+from array_api_compat import array_namespace
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from cloth_envs import folds
-from cloth_envs.arguments import as_whole, check_mask, check_reset_options, check_seeds, one_of, whole_number
+from cloth_envs.arguments import (
+    as_whole,
+    check_mask,
+    check_reset_options,
+    check_seeds,
+    one_of,
+    true_or_false,
+    whole_number,
+)
 from cloth_envs.backend import device_of, keywords, plain_words
 from cloth_envs.choice import Choice, as_lists, choices
 from cloth_envs.naming import counted
@@ -23,7 +33,11 @@ from cloth_envs.snapshot import check_array
 from cloth_envs.state import State
 from cloth_envs.world import World
 
+if TYPE_CHECKING:
+    from cloth_envs.rendering import Renderer
+
 OUTPUTS = ("numpy", "torch")
+DRAWN = 16  # members that are drawn
 _MODES = {mode.value: mode for mode in AutoresetMode}
 
 
@@ -39,6 +53,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         output: ``"numpy"``, or ``"torch"``: observations, rewards and both flags are tensors, of a backend on a device,
             such as ``backend="cnn"`` with ``{"device": "cuda"}``. Such a backend's controls, rewards and observations
             are computed there either way; actions may be a tensor.
+        render_mode: ``"rgb_array"``: ``render()`` gives a picture of each of the first 16 members.
         backend, backend_kwargs: as of ``ClothEnv``, or a list with one for each member, such as
             ``["miniature"] * 31 + ["reference"]`` and ``[{"factor": 4}] * 31 + [{}]``. A backend that takes ``threads``
             gets as many as processors are at hand.
@@ -57,10 +72,12 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         output: str = "numpy",
         render_mode: str | None = None,
+        show_goal: bool = True,
         **options: Any,
     ) -> None:
         if render_mode is not None:
-            raise ValueError("a vector environment does not render: draw single members with gym.make, or a recording")
+            one_of("render_mode", render_mode, ["rgb_array"])
+        self.show_goal = true_or_false("show_goal", show_goal)
         options = plain_words(options)
         check_options(options, World, type(self))
         num_envs = whole_number("num_envs", num_envs)
@@ -82,10 +99,12 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         if options.get("resolution") is not None:
             folds.warn_coarse(self.world.scene)
         self.num_envs = num_envs
-        self.render_mode = None
+        self.render_mode = render_mode
+        self._renderer: Renderer | None = None
+        self._starts: State | None = None  # of the episodes of members that are drawn
         self.metadata = {
             "autoreset_mode": self.autoreset_mode,
-            "render_modes": [],
+            "render_modes": ["rgb_array"],
             "render_fps": round(1 / self.world.scene.frame_dt),
         }
         self.single_observation_space = self.world.observer.space
@@ -129,7 +148,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             if seeds[i] is not None or self.world.rngs[i] is None:
                 self.world.rngs[i], _ = seeding.np_random(seeds[i])
         self._start(np.flatnonzero(mask))
-        return self._out(self.world.observe()), self._by_other_means(mask)
+        return self._out(self.world.observe()), self._by_other_means(mask) | self._material(mask)
 
     def describe(self) -> str:
         """What the physics models and what it does not, and by what means, as text."""
@@ -148,6 +167,35 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         rngs = {int(i): rng for i in which if (rng := self.world.rngs[i]) is not None}
         self.world.reset(rngs)
         self._ended[which] = False
+        if self.render_mode is not None:
+            now = self.world.read_only().select(slice(DRAWN))
+            if self._starts is None:
+                self._starts = now
+            drawn = which[which < DRAWN]
+            self._starts.assign(drawn, now.select(drawn))
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """Pictures uint8 ``(240, 320, 3)`` of the first 16 members, which Gymnasium's ``RecordVideo`` tiles."""
+        if self.render_mode is None:
+            gym.logger.warn("render() was called without a render_mode; pass render_mode='rgb_array' to gym.make_vec")
+            return None
+        if self._renderer is None:
+            from cloth_envs.rendering import Renderer
+
+            self._renderer = Renderer(self.scene, width=320, height=240)
+        pictures, state = [], self.world.read_only()
+        for i in range(min(DRAWN, self.num_envs)):
+            marks, met = self.world.goal(i) if self.show_goal else ((), False)
+            pictures.append(self._renderer.draw(state, start=self._starts, member=i, marks=marks, met=met))
+        return tuple(pictures)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_renderer": None}  # a copy draws with its own
 
     def step(self, actions: np.ndarray) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         world, n = self.world, self.num_envs
@@ -157,34 +205,38 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
                 f"environments {again.tolist()} have ended: reset them with "
                 'reset(options={"reset_mask": terminated | truncated})'
             )
-        rewards, reasons = world.advance(world.read(actions))
+        earned, reasons = world.advance(world.read(actions))
+        rewards = 1.0 * earned  # the caller's
         terminated = np.zeros(n, bool)
         terminated[list(reasons)] = True
         truncated = np.zeros(n, bool) if self._limit is None else world.frames >= self._limit
         if again.size:  # next-step mode: this step only starts the new episode of those
             self._start(again)
             rewards[again], terminated[again], truncated[again] = 0.0, False, False
+        ended = self._ended = terminated | truncated
         infos: dict[str, Any] = {}
+        if ended.any():
+            infos = self._tell("reward_final_second", world.final_second(), ended)
         if terminated.any():
             told = np.full(n, None, dtype=object)
             for i in np.flatnonzero(terminated).tolist():
                 told[i] = reasons[i]
             infos["failure"], infos["_failure"] = told, terminated.copy()
-        ended = self._ended = terminated | truncated
         observations = self._out(world.observe())
-        started = np.zeros(n, bool)
-        started[again] = True
-        frame = self._of_frame(~started)
         if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
             finals = np.full(n, None, dtype=object)
             for i in np.flatnonzero(ended):
                 finals[i] = member(observations, int(i))
-            last = infos | self._of_frame(ended)
+            last = infos | self._of_frame(ended) | self._material(ended)
             infos = {"final_obs": finals, "_final_obs": ended.copy(), "final_info": last, "_final_info": ended.copy()}
             frame, started = self._of_frame(~ended), ended.copy()
             self._start(np.flatnonzero(ended))
             observations = self._out(world.observe())
-        infos = infos | frame | self._by_other_means(started)
+        else:
+            started = np.zeros(n, bool)
+            started[again] = True
+            frame = self._of_frame(~started)
+        infos = infos | frame | self._by_other_means(started) | self._material(np.ones(n, bool))
         return observations, self._out(rewards), self._flags(terminated), self._flags(truncated), infos
 
     def _out(self, values: Any) -> Any:
@@ -196,15 +248,35 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         return self.world.flags(flags) if self._tensors else flags
 
     def _of_frame(self, which: np.ndarray) -> dict[str, np.ndarray]:
-        """What the backend tells of the last frame of members ``which``, bool ``(B,)``."""
+        """What the task and the backend tell of the last frame of members ``which``, bool ``(B,)``."""
         told: dict[str, np.ndarray] = {}
         if (guarded := self.world.guarded).any():
             told |= _told("guard", guarded & which, guarded & which)
         if (crossings := self.world.crossings).any():
             told |= _told("crossings_at_start", crossings * which, (crossings > 0) & which)
+        for name, values in self.world.told.items():
+            told |= self._tell(name, values, which)
         if not (unknown := np.isnan(error := self.world.measured_error)).all():
             told |= _told("measured_error", np.where(which & ~unknown, error, 0.0), which & ~unknown)
         return told
+
+    def _tell(self, name: str, values: Any, which: np.ndarray) -> dict[str, Any]:
+        """``_told`` of numbers or flags as the world has them, for those of all members."""
+        if not which.all():
+            xp, rest = array_namespace(values), ~which
+            nothing = xp.zeros_like(values)
+            if rest.sum() < which.sum():  # the fewer are sent to a device
+                values = xp.where(self.world.flags(rest), nothing, values)
+            else:
+                values = xp.where(self.world.flags(which), values, nothing)
+        return _told(name, self._out(values), which)
+
+    def _material(self, which: np.ndarray) -> dict[str, Any]:
+        """``info["material"]`` of members ``which``, bool ``(B,)``, where it is randomised."""
+        told: dict[str, Any] = {}
+        for name, values in zip(self.world.ranges, self.world.varied.T, strict=True):
+            told |= _told(name, values * which, which)
+        return _told("material", told, which) if told else {}
 
     def get_state(self) -> dict[str, np.ndarray]:
         """Everything that decides the future, as arrays; see ``ClothEnv.get_state``."""
@@ -221,6 +293,8 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         ended = check_array("ended", state["ended"], self._ended.shape, "b")
         self.world.set_state({name: value for name, value in state.items() if name != "ended"})
         self._ended = ended
+        if self._starts is None and self.render_mode is not None:
+            self._starts = self.world.read_only().select(slice(DRAWN))
 
 
 def _on_its_device(world: World) -> World:
@@ -239,9 +313,9 @@ def _threaded(choice: Choice, threads: int) -> Choice:
     return choice
 
 
-def _told(name: str, values: np.ndarray, which: np.ndarray) -> dict[str, np.ndarray]:
+def _told(name: str, values: Any, which: np.ndarray) -> dict[str, Any]:
     """An info that some members have, bool ``(B,)``; nothing of none. Others are 0, False or None, as Gymnasium's."""
-    return {name: values, f"_{name}": which} if which.any() else {}
+    return {name: values, f"_{name}": which.copy()} if which.any() else {}
 
 
 def _limit(frames: int | None) -> int | None:

@@ -1,8 +1,10 @@
 """The batched engine behind the single and the vector environment."""
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from cloth_envs.backend import Backend, check_material, device_of
 from cloth_envs.choice import Choice, as_lists, choices
 from cloth_envs.failure import Failures
 from cloth_envs.grid import check_resolution
+from cloth_envs.marks import Mark
 from cloth_envs.material import Material, as_material, check_ranges, warn_unusual
 from cloth_envs.mixed import MixedBackend
 from cloth_envs.naming import counted
@@ -38,6 +41,7 @@ class World:
         observer: what an agent observes.
         controls: what the last ``step`` gave to the backend; None before the first.
         rewards: what it returned, ``(B,)``.
+        varied: of every member's material what ``randomize`` names, ``(B, M)``.
         title: scene, resolution and backend in a few words.
         device: the ``torch.device`` of states, rewards and observations; None, as they are NumPy arrays.
 
@@ -62,13 +66,17 @@ class World:
         resolution: Sequence[int] | None = None,
         preset: str | Mapping[str, Any] | None = None,
         self_contact: bool | None = None,
+        observe_material: bool = False,
     ) -> None:
         self._arguments: dict[str, Any] = {
             "scene": scene, "num_envs": num_envs, "backend": backend, "backend_kwargs": backend_kwargs, "obs": obs,
             "material": material, "randomize": randomize, "resolution": resolution, "preset": preset,
-            "self_contact": self_contact,
+            "self_contact": self_contact, "observe_material": observe_material,
         }  # fmt: skip
         self.num_envs, self.ranges = num_envs, check_ranges(randomize)
+        observed = true_or_false("observe_material", observe_material)
+        if observed and not self.ranges:
+            raise ValueError('observe_material=True needs randomize={"drag": (0.2, 0.8)}, or another range')
         if not isinstance(scene, str):
             task_class = scene
         else:
@@ -103,8 +111,13 @@ class World:
         self._episode: Episode | None = None
         self.controls: Controls | None = None
         self.rewards = np.zeros(num_envs)
+        self.varied = np.zeros((num_envs, len(self.ranges)))
+        self._scores: tuple[np.ndarray, ...] = ()
+        self._parts = [f"reward_{name}" for name in self.task.parts]
+        self._last_second: deque[Any] = deque(maxlen=max(1, round(1 / self.scene.frame_dt)))
 
-        self.observer = Observer(self.task, obs)
+        known = (self.varied, np.array(list(self.ranges.values())).T) if observed else ()
+        self.observer = Observer(self.task, obs, *known)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.task.actions),), np.float32)
 
     def __repr__(self) -> str:
@@ -182,6 +195,10 @@ class World:
         """Observations or rewards as NumPy arrays, which they are."""
         return values
 
+    def _there(self, values: np.ndarray) -> Any:
+        """A copy in what rewards are in."""
+        return values.copy()
+
     def flags(self, which: np.ndarray) -> Any:
         """Bools ``(B,)`` in what rewards are in."""
         return which
@@ -196,7 +213,12 @@ class World:
             self.materials[i] = self.scene.material.with_changes(**changes) if changes else self.scene.material
             drawn.append(self.task.draw(rng))
         self.frames[which] = 0
+        self._vary(which)
         self._place(which, *self._laid(stacked(drawn)))
+
+    def _vary(self, which: Sequence[int]) -> None:
+        """Note what ``randomize`` made of the materials of some members."""
+        self.varied[which] = [[getattr(self.materials[i], name) for name in self.ranges] for i in which]
 
     def _laid(self, drawn: dict[str, np.ndarray]) -> tuple[State, dict[str, np.ndarray]]:
         """States of starts that were drawn, and what the task remembers of them."""
@@ -246,7 +268,10 @@ class World:
         return read_actions(actions, (self.num_envs, len(self.task.actions)), self.task.actions)
 
     def advance(self, actions: np.ndarray) -> tuple[np.ndarray, dict[int, str]]:
-        """``step`` by actions that were read already. Tells why of those members that failed."""
+        """``step`` by actions that were read already. Tells why of those members that failed.
+
+        The rewards stay this world's, to read.
+        """
         episode = self.episode
         before, clipped = episode.state, clip_actions(actions)
         if clipped is None:
@@ -262,11 +287,44 @@ class World:
             good.time[:] = episode.state.time[failed]
             self.backend.reset(good, [self.materials[i] for i in failed], failed)
             episode.state = self.backend.state
-        rewards = self.task.reward(episode)
+        rewards, self._scores = self.task.judge(episode)
         if failed:
-            rewards[failed] = 0.0
+            for values in (rewards, *self._scores[1:]):
+                values[failed] = 0.0
         self.rewards = rewards
+        self._last_second.append(rewards)
         return rewards, reasons
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What ``info`` tells of the last frame, ``(B,)`` each: parts of the reward, success, distance and strain."""
+        return self._named(self._scores, self.strain)
+
+    @property
+    def told_of_one(self) -> dict[str, Any]:
+        """``told`` of a batch of one, as Python's own numbers."""
+        ((finite, strain, _),) = self.failures.health
+        return self._named([values.item() for values in self._scores], strain if finite else inf)
+
+    def _named(self, scores: Sequence[Any], strain: Any) -> dict[str, Any]:
+        told: dict[str, Any] = {"strain": strain}
+        if scores:
+            told["distance"], *parts = scores
+            if self._parts:
+                told["success"] = self.task.met(parts)
+                told.update(zip(self._parts, parts, strict=True))
+        return told
+
+    @property
+    def strain(self) -> Any:
+        """The largest strain of an edge of each cloth at the end of the last frame, ``(B,)``; infinity of none."""
+        return np.array([strain if finite else inf for finite, strain, _ in self.failures.health])
+
+    def final_second(self) -> Any:
+        """Mean reward of the last second, or of the episode where that is shorter, ``(B,)``."""
+        newest_first = enumerate(reversed(self._last_second))
+        earned = sum(rewards * (ago < self.frames) for ago, rewards in newest_first)  # in one order for every batch
+        return earned / self.frames.clip(1, len(self._last_second))
 
     @property
     def guarded(self) -> np.ndarray:
@@ -293,6 +351,16 @@ class World:
         means = dict.fromkeys(filter(None, self.surrogate.tolist()))
         return "\n".join([self.scene.describe(), f"physics: {', '.join(dict.fromkeys(self.backends))}", *means])
 
+    def goal(self, member: int) -> tuple[list[Mark], bool]:
+        """What a picture of a member shows of its goal, and whether it is met now."""
+        task, episode = self.task, self.seen_on_host()
+        _, scores = task.judge(episode)
+        return task.marks(episode, member), bool(task.parts and task.met(scores[1:])[member])
+
+    def seen_on_host(self) -> Episode:
+        """The present episode in NumPy arrays, which it is."""
+        return self.episode
+
     def observe(self) -> Any:
         """See ``Observer``."""
         return self.observer(self.episode)
@@ -300,7 +368,10 @@ class World:
     def _now(self) -> Snapshot:
         memory, own = self.episode.memory, self.backend.memory
         where = self._listed, type(self.task), self._physics
-        return Snapshot(*where, self.state, memory, own, self.frames, self.materials, self.rngs)
+        earned = np.zeros((self.num_envs, self._last_second.maxlen or 0))
+        for ago, rewards in enumerate(reversed(self._last_second), 1):
+            earned[:, -ago] = self.on_host(rewards)
+        return Snapshot(*where, self.state, memory, own, self.frames, self.materials, self.rngs, earned)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """See ``ClothEnv.get_state``."""
@@ -329,6 +400,9 @@ class World:
                 self._episode, self.rngs = None, [None] * self.num_envs
             raise
         self.frames, self.materials, self.rngs = snapshot.frames, snapshot.materials, snapshot.rngs
+        self._last_second.clear()
+        self._last_second.extend(self._there(rewards) for rewards in snapshot.last_second.T)
+        self._vary(range(self.num_envs))
         self._place(range(self.num_envs), snapshot.state, snapshot.memory)
         if snapshot.own:
             self.backend.recall(snapshot.own)

@@ -189,13 +189,16 @@ def test_vector_environments_tell_errors_as_gymnasium_does() -> None:
     env.step(np.zeros((2, 2), np.float32))
     env.reset(seed=[None, 7], options={"reset_mask": np.array([False, True])})
     singles[0].step(np.zeros(2, np.float32))
+    singles[1].reset(seed=7)
     for _ in range(4):
         *_, infos = env.step(np.zeros((2, 2), np.float32))
-        *_, info = singles[0].step(np.zeros(2, np.float32))
+        told = [single.step(np.zeros(2, np.float32))[4] for single in singles]
+    assert ["measured_error" in info for info in told] == [True, False]
     want: dict[str, Any] = {}
-    for i, told in enumerate((info, {})):
-        want = env.unwrapped._add_info(want, told, i)
-    assert infos.keys() == want.keys() == {"measured_error", "_measured_error"}
+    for i, info in enumerate(told):
+        want = env.unwrapped._add_info(want, info, i)
+    names = {"measured_error", "reward_shown", "success", "distance", "strain"}
+    assert infos.keys() == want.keys() == names | {f"_{name}" for name in names}
     for name, values in want.items():
         np.testing.assert_array_equal(infos[name], values)
         assert infos[name].dtype == values.dtype

@@ -82,6 +82,17 @@ def test_health_is_measured_where_none_is_told() -> None:
     assert failed > 0
 
 
+@pytest.mark.parametrize("obs", ["keypoints", "mesh"])
+@pytest.mark.parametrize("device", DEVICES)
+def test_the_material_is_observed_there_too(device: str, obs: str) -> None:
+    own = {"observe_material": True, "obs": obs, "autoreset_mode": "SameStep", "max_episode_steps": 2}
+    here, there = made("Flag", **own), made("Flag", **own, **THERE, backend_kwargs={"device": device}, output="torch")
+    assert_same(there.reset(seed=1), here.reset(seed=1))
+    for _ in range(3):
+        actions = np.ones(here.action_space.shape, np.float32)
+        assert_same(there.step(torch.from_numpy(actions)), here.step(actions))
+
+
 @pytest.mark.parametrize(("field", "value", "reason"), [
     ("positions", math.nan, "non-finite"), ("positions", 1e3, "overstretch"), ("velocities", 1e3, "energy"),
 ])  # fmt: skip

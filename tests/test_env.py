@@ -198,7 +198,10 @@ def test_a_failed_simulation_ends_the_episode_with_its_last_good_state() -> None
         obs, reward, terminated, truncated, info = env.step(np.zeros(3, np.float32))
         env.world.backend.advance = advance
         assert (terminated, truncated, reward) == (True, False, 0.0)
-        assert info == {"failure": reason}
+        assert info.pop("strain") > (1 if reason != "energy" else 0)
+        assert info.pop("distance") > 0
+        nothing = {"reward_place": 0.0, "reward_calm": 0.0, "reward_final_second": 0.0, "success": False}
+        assert info == {"failure": reason, **nothing}
         assert np.isfinite(obs).all()
         assert np.array_equal(env.positions, before)
 

@@ -96,7 +96,9 @@ def test_a_state_without_a_reset_is_framed_by_itself() -> None:
     picture = watched.render()
     np.testing.assert_array_equal(unseen.render(), picture)
     renderer = Renderer(env.unwrapped.scene)
-    np.testing.assert_array_equal(renderer.draw(env.unwrapped.state, start=start), picture)
+    marks, met = env.unwrapped.world.goal(0)
+    drawn = renderer.draw(env.unwrapped.state, start=start, marks=marks, met=met)
+    np.testing.assert_array_equal(drawn, picture)
     for each in (env, watched, unseen, renderer):
         each.close()
 

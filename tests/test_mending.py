@@ -148,7 +148,9 @@ def test_no_episode_ends_for_how_its_cloth_is_drawn(guard: bool) -> None:
     env.reset(seed=0)
     *_, terminated, _, info = env.step(np.zeros(3, np.float32))
     assert not terminated
-    assert info == ({"guard": True} if guard else {})
+    always = {"reward_place", "reward_calm", "success", "distance", "strain"}
+    assert info.keys() == always | ({"guard"} if guard else set())
+    assert info.get("guard", False) is guard
     base = env.unwrapped
     assert (strain(base.scene.grid, base.state.positions).max > 1).all() == (not guard)  # type: ignore[attr-defined]
 

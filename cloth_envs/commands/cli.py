@@ -51,6 +51,18 @@ def _compare(given: argparse.Namespace) -> str:
     return compare_scene(**_options(given) | {"resolutions": shapes})
 
 
+def _evaluate(given: argparse.Namespace) -> str:
+    from cloth_envs.backend import parse_backend
+    from cloth_envs.commands.evaluate import evaluate
+    from cloth_envs.places import check_backend_kwargs
+
+    options = {name: value for name, value in vars(given).items() if name not in ("run", "train_backend")}
+    physics = [parse_backend(text) for text in (given.train_backend, options.pop("certify"))]
+    for name, own in physics:
+        check_backend_kwargs(name, own, shell=True)
+    return evaluate(**options, train=physics[0], certify=physics[1])
+
+
 def _bench(given: argparse.Namespace) -> str:
     if given.benchmark is None:
         return load("training.menu:benchmarks")()
@@ -100,6 +112,7 @@ RUNS: dict[str, Callable[[argparse.Namespace], str | None]] = {
     "render": _render,
     "export": _export,
     "compare": _compare,
+    "evaluate": _evaluate,
     "bench": _bench,
     "report": _report,
     "generate": _generate,

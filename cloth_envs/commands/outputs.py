@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from types import ModuleType
@@ -10,9 +11,10 @@ import numpy as np
 
 from cloth_envs.extras import install
 from cloth_envs.files import check_file, check_folder, replacing, why_cut, write_bytes
+from cloth_envs.marks import Mark
 from cloth_envs.progress import progress
 from cloth_envs.rendering import Camera, Renderer, framing
-from cloth_envs.rendering.canvas import import_pyvista
+from cloth_envs.rendering.canvas import CAPTION_HEIGHT, import_pyvista
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 
@@ -92,10 +94,27 @@ def check_pictures(video: str | None, images: str | None) -> None:
         import_pyvista()
 
 
+@dataclass(frozen=True)
+class Goal:
+    """What a picture shows of the goal: its ``marks``, whether it is ``met``, and a line of text under it, or none."""
+
+    marks: Sequence[Mark] = ()
+    met: bool = False
+    words: str | None = None
+
+
 def write_pictures(
-    scene: Scene, states: Sequence[State], *, video: str | None, images: str | None, strain: bool
+    scene: Scene,
+    states: Sequence[State],
+    *,
+    video: str | None,
+    images: str | None,
+    strain: bool,
+    goals: Sequence[Goal] = (),
 ) -> None:
     """Draw ``states`` to an H.264 video at the simulated speed, to numbered PNG images, to both or to none.
+
+    ``goals`` are those of every state, with words in all or none; without any none is drawn.
 
     Raises:
         OSError: a file can't be written; what was there stays, and no broken one is left.
@@ -106,12 +125,16 @@ def write_pictures(
     if not states:
         raise ValueError(f"there are no frames to draw to {video or images}: give at least one")
     with ExitStack() as stack:
-        camera = fixed_camera(scene, [states], aspect=4 / 3)
-        renderer = Renderer(scene, color="strain" if strain else "fabric", camera=camera)
+        goals = goals or [Goal()] * len(states)
+        captions = None if goals[0].words is None else [goals[0].words]
+        camera = fixed_camera(scene, [states], aspect=4 / 3, below=0.0 if captions is None else CAPTION_HEIGHT / 480)
+        renderer = Renderer(scene, color="strain" if strain else "fabric", camera=camera, captions=captions)
         stack.callback(renderer.close)
         add = None if video is None else stack.enter_context(open_video(Path(video), 1 / scene.frame_dt))
         for number, state in enumerate(progress(states, "pictures", unit="frame")):
-            picture = renderer.draw(state)
+            goal = goals[number]
+            words = None if goal.words is None else [goal.words]
+            picture = renderer.draw(state, marks=goal.marks, met=goal.met, captions=words)
             if add is not None:
                 add(picture)
             if images is not None:

@@ -19,11 +19,11 @@ def _at_least(least: int) -> Callable[[str], int]:
     return number
 
 
-def _episode(sub: Parser) -> None:
+def _episode(sub: Parser, policies: str = "zero, random, smooth (default) or bang-bang") -> None:
     sub.elsewhere = physics_or_material
     sub.add_argument("scene", metavar="SCENE", help="a scene's name, see `minicloth list`")
     sub.add_argument("--seed", type=_at_least(0), default=0, help="of the start and the actions (default 0)")
-    sub.add_argument("--policy", default="smooth", help="zero, random, smooth (default) or bang-bang")
+    sub.add_argument("--policy", default="smooth", help=policies)
     sub.add_argument("--material", help="a fabric's name, or JSON such as '{\"areal_density\": 0.3}'")
     sub.add_argument(
         "--self-contact",
@@ -53,7 +53,7 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> Pa
     sub.add_argument("--scene", metavar="SCENE", help="describe this scene and its task")
 
     sub = command("rollout", "Simulate one episode; draw it, record it.")
-    _episode(sub)
+    _episode(sub, "zero, random, smooth (default), bang-bang, or controller: the scene's own, written by hand")
     sub.add_argument("--frames", type=_at_least(1), help="default: the scene's episode")
     sub.add_argument(
         "--backend",
@@ -64,6 +64,10 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> Pa
     sub.add_argument("--resolution", metavar="ROWSxCOLS", help="of the grid, at equal size and material")
     sub.add_argument("--preset", help='a paper\'s set-up by name, or JSON: \'{"name": "lee2019", "mass": 3}\'')
     _pictures(sub)
+    sub.add_argument(
+        "--goal", action=argparse.BooleanOptionalAction, default=True, help="draw what the task wants (default: yes)"
+    )
+    sub.add_argument("--caption", action="store_true", help="write reward and success under the pictures")
     sub.add_argument("--hdf5", metavar="OUT.h5", help="record the rollout")
     sub.add_argument("--overwrite", action="store_true", help="replace an existing HDF5 file")
 
@@ -96,6 +100,22 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> Pa
     )
     sub.add_argument("--out", metavar="DIR", help="default ./compare_<scene>; files in it are replaced")
     sub.add_argument("--no-video", dest="video", action="store_false", help="table and chart only")
+
+    sub = command("evaluate", "A policy on the physics it was trained on and on the one that counts, from equal seeds.")
+    sub.add_argument("policy", metavar="POLICY", help="controller, zero, random, module:function, a .zip or .pt file")
+    sub.add_argument("--scene", metavar="SCENE", required=True, help="a scene's name")
+    sub.add_argument(
+        "--train-backend",
+        metavar="NAME[=JSON]",
+        default='miniature={"factor": 4}',
+        help="what it was trained on (default 'miniature={\"factor\": 4}')",
+    )
+    sub.add_argument("--certify", metavar="NAME[=JSON]", default="reference", help="what counts (default reference)")
+    sub.add_argument("--seeds", type=_at_least(2), default=16, help="how many (default 16)")
+    sub.add_argument("--first-seed", type=_at_least(0), default=900_000, help="the first of them (default 900000)")
+    sub.add_argument("--frames", type=_at_least(1), help="default: the scene's episode")
+    sub.add_argument("--beside", default="controller", help="others to compare with, by commas (default controller)")
+    sub.add_argument("--out", metavar="OUT.md", help="the page as a file too")
 
     sub = command("bench", "Run a benchmark; without NAME they are listed.")
     sub.add_argument("benchmark", metavar="NAME", nargs="?")

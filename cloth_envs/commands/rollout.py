@@ -5,11 +5,12 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 
-from cloth_envs.commands.outputs import check_pictures, planned, write_pictures
+from cloth_envs.commands.outputs import Goal, check_pictures, planned, write_pictures
 from cloth_envs.files import check_file
 from cloth_envs.naming import counted
-from cloth_envs.policies import open_loop
+from cloth_envs.policies import CONTROLLERS, open_loop
 from cloth_envs.progress import announce, progress
 from cloth_envs.recording import RecordRollout, Rollout
 from cloth_envs.registry import EPISODE_FRAMES, env_id, load_task
@@ -26,9 +27,13 @@ def rollout(
     hdf5: str | None,
     strain: bool,
     overwrite: bool,
+    goal: bool = True,
+    caption: bool = False,
     **options: Any,
 ) -> str:
     """One episode of the environment with these ``options``; returns what happened as text.
+
+    Pictures show the ``goal``, and with a ``caption`` under them what is earned.
 
     Raises:
         ValueError, OSError, ImportError: a bad name or number, an output that can't be written, a package
@@ -36,7 +41,8 @@ def rollout(
     """
     task = load_task(scene)
     frames = EPISODE_FRAMES[scene] if frames is None else frames
-    actions = open_loop(policy, frames, len(task.actions), task.frame_dt, seed).astype("f4")
+    by_hand = policy == "controller"
+    planned_actions = open_loop("zero" if by_hand else policy, frames, len(task.actions), task.frame_dt, seed)
     check_pictures(video, images)
     if hdf5 is not None and Path(hdf5).exists() and not overwrite:
         raise FileExistsError(f"{hdf5} exists and stays as it is: choose another name or add --overwrite")
@@ -57,23 +63,38 @@ def rollout(
             + (f"then {frames + 1} pictures; " if drawn else "")
             + (f"into {outputs}" if outputs else "nothing is written (see --video, --images, --hdf5)")
         )
-        env.reset(seed=seed)
-        states = [cloth.state.copy()]
-        total, failure = 0.0, None
-        for action in progress(actions, scene, len(actions), unit="frame"):
-            _, reward, terminated, _, info = env.step(action)
+        seen, _ = env.reset(seed=seed)
+        states, goals = [cloth.state.copy()], []
+        if drawn:
+            goals.append(_goal(cloth, goal, {} if caption else None))
+        total, failure, info = 0.0, None, dict[str, Any]()
+        for action in progress(planned_actions.astype("f4"), scene, frames, unit="frame"):
+            chosen = np.clip(CONTROLLERS[scene](seen), -1, 1).astype("f4") if by_hand else action
+            seen, reward, terminated, _, info = env.step(chosen)
             total += float(reward)
             if drawn:
                 states.append(cloth.state.copy())
+                goals.append(_goal(cloth, goal, info | {"reward": reward} if caption else None))
             if terminated:
                 failure = info["failure"]
                 break
         seconds = cloth.time
-    write_pictures(cloth.scene, states, video=video, images=images, strain=strain)
+    write_pictures(cloth.scene, states, video=video, images=images, strain=strain, goals=goals)
     ended = f"failed ({failure})" if failure else "ended"
-    lines = [f"{scene} {ended} after {seconds:.2f} s, mean reward {total / frames:.3f}"]
+    met = f", {'a' if info['success'] else 'no'} success at the end" if "success" in info else ""
+    lines = [f"{scene} {ended} after {seconds:.2f} s, mean reward {total / frames:.3f}{met}"]
     lines += [f"wrote {path}" for path in (hdf5, video, images) if path is not None]
     return "\n".join(lines)
+
+
+def _goal(cloth: Any, shown: bool, info: dict[str, Any] | None) -> Goal:
+    """What a picture of the environment shows now; ``info``, with its reward, is told in words, if there is any."""
+    marks, met = cloth.world.goal(0) if shown else ((), False)
+    if info is None:
+        return Goal(marks, met)
+    parts = ", ".join(f"{name[7:]} {info[name]:.2f}" for name in info if name.startswith("reward_"))
+    told = f"reward {info['reward']:.2f} ({parts})" if info else "start"
+    return Goal(marks, met, f"{told}{'   success' if info.get('success') else ''}")
 
 
 def render(file: str, *, trajectory: int, video: str | None, images: str | None, strain: bool) -> str:

@@ -18,7 +18,7 @@ from cloth_envs.scenes import hanging
 from cloth_envs.scenes.ball_drop import MARGIN, RADIUS, BallDrop
 from cloth_envs.scenes.drives import Drive, draw_gust
 from cloth_envs.scenes.hanging import Hanging
-from cloth_envs.scenes.measures import tolerance
+from cloth_envs.scenes.measures import length, tolerance
 from cloth_envs.scenes.pressure import Pressure
 from cloth_envs.scenes.task import Episode, Start, Task
 from cloth_envs.state import Controls
@@ -219,7 +219,7 @@ class Ball2024(Zhao2024, BallDrop):
     def start(self, rng: np.random.Generator) -> Start:
         return self.flat(HEIGHT, {}, np.zeros((1, 2, 3)))
 
-    def reward(self, episode: Episode) -> np.ndarray:
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         away = self.middle(episode) - episode.state.colliders[:, 0, 0]
         held = ((away[:, 2] + RADIUS) / HELD).clip(0.0, 1.0)
-        return tolerance(away[:, :2], MARGIN) * held
+        return length(away[:, :2]), tolerance(away[:, :2], MARGIN), held

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from cloth_envs.extras import install
+from cloth_envs.marks import Mark
 from cloth_envs.rendering import framing, look
 from cloth_envs.rendering.framing import Camera
 from cloth_envs.rendering.studio import Studio
@@ -96,6 +97,7 @@ class Canvas:
     camera: Camera | None
     plotter: Any = None
     views: list[Any] = field(default_factory=list)
+    texts: list[Any] = field(default_factory=list)
     framed: list[np.ndarray] = field(default_factory=list)  # the cloths and bodies that the pictures are framed by
 
     @property
@@ -103,9 +105,21 @@ class Canvas:
         """Whether there is a window."""
         return self.plotter is not None
 
-    def draw(self, states: Sequence[State], starts: Sequence[State] | None, member: int) -> np.ndarray:
+    def draw(
+        self,
+        states: Sequence[State],
+        starts: Sequence[State] | None,
+        member: int,
+        marks: Sequence[Mark] = (),
+        met: bool = False,
+        captions: Sequence[str] | None = None,
+    ) -> np.ndarray:
         """See ``Renderer.draw``."""
         self._show(states, starts, member)
+        for view in self.views:
+            view.goals.show(marks, met, view.ground.height)
+        for text, words in zip(self.texts, captions or (), strict=False):
+            text.set_text("lower_edge", words)
         self.plotter.render()
         return np.array(self.plotter.screenshot(None, return_img=True)[..., :3])
 
@@ -131,7 +145,7 @@ class Canvas:
     def close(self) -> None:
         """Free the plotter; calling it again does nothing."""
         if self.plotter is not None:
-            plotter, self.plotter, self.views, self.framed = self.plotter, None, [], []
+            plotter, self.plotter, self.views, self.texts, self.framed = self.plotter, None, [], [], []
             plotter.clear()
             close_spare()
             _spare[self._size(len(plotter.renderers))] = plotter
@@ -158,7 +172,7 @@ class Canvas:
         except BaseException:  # half of a picture serves nobody
             if self.plotter is not None:
                 self.plotter.close()
-            self.plotter, self.views, self.framed = None, [], []
+            self.plotter, self.views, self.texts, self.framed = None, [], [], []
             raise
         for view, state in zip(self.views, states, strict=True):
             view.update(state, member)
@@ -192,7 +206,8 @@ class Canvas:
             plotter.subplot(0, index)
             self.views.append(View(pv, plotter, scene, start, member, box, camera, follow=follow, strain_range=strain))
             if self.captions:
-                plotter.add_text(self.captions[index], position="lower_edge", font_size=9, color=INK)
+                text = plotter.add_text(self.captions[index], position="lower_edge", font_size=9, color=INK)
+                self.texts.append(text)
             look.smooth_edges(plotter.renderer)
         if strain is not None:
             mapper, wide = self.views[-1].sheet.actor.mapper, self.width / count

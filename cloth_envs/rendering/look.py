@@ -9,6 +9,7 @@ from cloth_envs.style import INK
 SKY, FLOOR = "#bccbd9", "#eceff1"
 CLOTH_FRONT, CLOTH_BACK = "#e0553c", "#f3d3b3"
 WOOD, BRASS, STEEL, BODY, ARROW = "#a67c5b", "#d0a548", "#6d7883", "#5d7f9f", "#2b7a9b"
+GOAL, MET, GHOST = "#7a3db8", "#16a05a", 0.38  # marks of a goal, once it is met, and how much of a ghost is seen
 CLOTH = {"ambient": 0.30, "diffuse": 0.92, "specular": 0.08, "specular_power": 8}  # a wide, weak sheen
 SOLID = {"ambient": 0.34, "diffuse": 0.85, "specular": 0.25, "specular_power": 25}
 # Moreland's diverging map: perceptually even, safe for colour blindness.

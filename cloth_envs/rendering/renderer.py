@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from cloth_envs.marks import Mark
 from cloth_envs.rendering.canvas import STUDIO, Canvas
 from cloth_envs.rendering.framing import Camera
 from cloth_envs.scene import Scene
@@ -59,20 +60,31 @@ class Renderer:
         weakref.finalize(self, STUDIO.discard, self._canvas).atexit = False
 
     def draw(
-        self, states: State | Sequence[State], *, start: State | Sequence[State] | None = None, member: int = 0
+        self,
+        states: State | Sequence[State],
+        *,
+        start: State | Sequence[State] | None = None,
+        member: int = 0,
+        marks: Sequence[Mark] = (),
+        met: bool = False,
+        captions: Sequence[str] | None = None,
     ) -> np.ndarray:
         """A picture ``(height, width, 3)`` uint8 of one member of each of ``views`` states.
 
         ``start`` holds as many states, which this picture and those after it are framed by; without any, that is what
-        the first picture since ``close`` shows.
+        the first picture since ``close`` shows. ``marks`` show a goal in every view, in another colour once it is
+        ``met``. ``captions`` take the place of those that the renderer was made with.
 
         Raises:
             ValueError: another number of states than views, another resolution than in the first picture,
-                or positions that are not finite.
+                positions that are not finite, or captions for a renderer without room for them.
             ImportError: PyVista or EGL is missing; says what to install.
             RuntimeError: a process that can't draw, since it was forked or is ending; on macOS, a thread that can't.
         """
-        return self._run(self._canvas.draw, states, start, member)
+        if captions is not None and (self._canvas.captions is None or len(captions) != self.views):
+            raise ValueError(f"new captions take the place of {self.views} others: make a Renderer(captions=...)")
+        job = partial(self._canvas.draw, marks=marks, met=met, captions=captions)
+        return self._run(job, states, start, member)
 
     def depth(self, state: State, *, start: State | None = None, member: int = 0) -> np.ndarray:
         """Distance [m] from the camera's plane ``(height, width)`` float32, ``inf`` where nothing is.

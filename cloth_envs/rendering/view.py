@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from cloth_envs.rendering import framing, look
+from cloth_envs.rendering.goals import Goals
 from cloth_envs.rendering.ground import Ground, refined
 from cloth_envs.rendering.props import Arrow, Capsule, Part, fixtures
 from cloth_envs.rendering.sheet import Sheet
@@ -61,6 +62,7 @@ class View:
             options = look.SOLID | solid.options
             plotter.add_mesh(solid.mesh, color=solid.color, **options).prop.interpolation = "Phong"
         self.arrow = Arrow(pv, plotter, scene) if scene.windy else None
+        self.goals = Goals(pv, plotter, max(scene.grid.width, scene.grid.height))
         self.decoration = [self.ground.actor, self.ground.tiles] + ([self.arrow.actor] if self.arrow else [])
         self._stand(start, member, camera)
 
@@ -126,7 +128,7 @@ class View:
         self.ground.cast(np.concatenate(shading), along)
 
     def solid_only(self, on: bool) -> None:
-        """Hide shadow and arrow and show the ground as a solid (for depth), or the reverse."""
-        for actor in self.decoration:
+        """Hide shadow, arrow and marks and show the ground as a solid (for depth), or the reverse."""
+        for actor in (*self.decoration, *self.goals.actors):
             actor.visibility = not on
         self.ground.solid.visibility = on

@@ -6,10 +6,11 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
+from cloth_envs.marks import Mark, dot, line, ring
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
-from cloth_envs.scenes.measures import columns, ramp, tolerance
+from cloth_envs.scenes.measures import columns, length, ramp, tolerance, within
 from cloth_envs.scenes.starts import between
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -24,6 +25,7 @@ DRIFT = 0.3  # m/s, largest starting velocity along x and y
 WAVE = 0.02  # m, largest starting waves
 HELD = 0.5  # m, mean height from which on the cloth counts as held up
 MARGIN = 0.35  # m
+NEAR = within(MARGIN)  # m, distance from the axis that is near enough
 
 
 @documented
@@ -64,6 +66,8 @@ class BallDrop(Task):
         *("middle x", "middle y", "middle z", "middle vx", "middle vy", "middle vz"),
     )
     extras_bound = 50.0
+    parts = ("centred", "held")
+    away = "of the middle from the ball's axis [m]"
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -103,12 +107,17 @@ class BallDrop(Task):
         push(controls.colliders, controls.collider_velocities, moved, speed)
         return controls
 
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        middle, ball = self.middle(episode)[member], episode.state.colliders[member, 0, 0]
+        below = np.array([*ball[:2], middle[2]])
+        return [line(ball, (*ball[:2], DROP[1])), ring(below, NEAR), dot(middle)]
+
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
         ball, velocity = state.colliders[:, 0, 0, :2], state.collider_velocities[:, 0, 0, :2]
         return columns(ball, velocity, self.middle(episode), self.middle_velocity(episode))
 
-    def reward(self, episode: Episode) -> np.ndarray:
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         middle = self.middle(episode)
         away = middle[:, :2] - episode.state.colliders[:, 0, 0, :2]
-        return tolerance(away, MARGIN) * ramp(middle[:, 2], HELD)
+        return length(away), tolerance(away, MARGIN), ramp(middle[:, 2], HELD)

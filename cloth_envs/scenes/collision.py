@@ -7,10 +7,11 @@ from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
+from cloth_envs.marks import Mark, ghost, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.scenes.drives import Drive, push
-from cloth_envs.scenes.measures import columns, largest_stretch, tolerance
+from cloth_envs.scenes.measures import columns, largest_stretch, length, tolerance
 from cloth_envs.scenes.starts import between, either, pleats
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -65,6 +66,8 @@ class Collision(Task):
         *("goal x", "goal y", "goal z"),
     )
     extras_bound = 20.0
+    parts = ("shape", "unstretched")
+    away = "the shape error [m]"
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -108,6 +111,12 @@ class Collision(Task):
         push(controls.colliders, controls.collider_velocities, moved, speed)
         return controls
 
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        rows, columns = self.lattice[0] - 1, self.lattice[1]
+        wanted = np.stack([self.across, episode.memory["shape"][member], -self.depth], 1).reshape(rows, columns, 3)
+        net = [line(*points) for points in (*wanted, *wanted.swapaxes(0, 1))]
+        return [ghost(episode.memory["goal"][member], RADIUS), *net]
+
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
         return columns(state.colliders[:, 0, 0], state.collider_velocities[:, 0, 0], episode.memory["goal"])
@@ -124,8 +133,9 @@ class Collision(Task):
         profile = xp.minimum(down, 0.84 + 0.16 * down)
         return press * profile * xp.exp(-0.5 * xp.square((self.across - goal[:, :1]) / width))
 
-    def reward(self, episode: Episode) -> np.ndarray:
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         error = episode.cloth[:, 1, self.shaped] - episode.memory["shape"]
         stretch = largest_stretch(episode.state.positions, self.above, self.shaped, self.apart)
         over = stretch - (1.0 + self.free_strain)
-        return tolerance(error, self.shape_margin) * tolerance(over * (over > 0.0), STRAIN_MARGIN)
+        shape, unstretched = tolerance(error, self.shape_margin), tolerance(over * (over > 0.0), STRAIN_MARGIN)
+        return length(error) / len(self.shaped) ** 0.5, shape, unstretched

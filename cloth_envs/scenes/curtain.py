@@ -8,6 +8,7 @@ from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
+from cloth_envs.marks import Mark, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive
@@ -63,6 +64,8 @@ class Curtain(Task):
     lattice = (5, 4)
     extras = ("lead x", "rail y", "lead vx", "rail vy", "covered", "target")
     extras_bound = 20.0
+    parts = ("cover", "calm")
+    away = "of the covered fraction from the target"
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -119,11 +122,16 @@ class Curtain(Task):
         """Covered fraction of the window, ``(B,)``."""
         return mean_span(episode.state.positions, self.first, self.last)[:, 0] / self.scene.grid.width
 
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        x, y = episode.memory["target"][member] * self.scene.grid.width, episode.state.positions[member, 1, 0, -1]
+        bottom = -1.02 * self.scene.grid.height
+        return [line((0.0, y, bottom), (x, y, bottom), (x, y, 0.0))]  # what is to be covered, and its edge
+
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
         corner, velocity = state.positions[:, :2, 0, -1], state.velocities[:, :2, 0, -1]
         return columns(corner, velocity, self.covered(episode), episode.memory["target"])
 
-    def reward(self, episode: Episode) -> np.ndarray:
-        cover = tolerance(self.covered(episode) - episode.memory["target"], COVER_MARGIN)
-        return cover * tolerance(self.speed(episode, 1, 2), CALM_MARGIN, 0.25)
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
+        off = self.covered(episode) - episode.memory["target"]
+        return abs(off), tolerance(off, COVER_MARGIN), tolerance(self.speed(episode, 1, 2), CALM_MARGIN, 0.25)

@@ -6,10 +6,11 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
+from cloth_envs.marks import Mark, dot, ghost, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive
-from cloth_envs.scenes.measures import columns, tolerance
+from cloth_envs.scenes.measures import columns, length, tolerance, within
 from cloth_envs.scenes.starts import rotation
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -22,6 +23,7 @@ HANG = 0.63  # m, depth of the cloth's middle below the held point when it hangs
 TILT = 0.35 * np.pi  # rad, most that the starting cloth is let down from level
 WAVE = 0.02  # m, largest starting waves
 PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
+NEAR = within(PLACE_MARGIN)  # m, distance of the goal that is near enough
 
 
 @documented
@@ -63,6 +65,8 @@ class Draping(Task):
         *("goal x", "goal y", "goal z"),
     )
     extras_bound = 50.0
+    parts = ("place", "calm")
+    away = "of the middle from the goal [m]"
     held: ClassVar[float] = 0.25  # place of the held point along the upper edge, of its length
 
     def __init__(self, scene: Scene) -> None:
@@ -106,10 +110,14 @@ class Draping(Task):
         """Its position [m] and velocity [m/s], ``(B, 3)`` each."""
         return episode.cloth[:, :, self.point], episode.cloth_velocity[:, :, self.point]
 
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        middle, goal = self.middle(episode)[member], episode.memory["goal"][member]
+        return [line(middle, goal), ghost(goal, NEAR), dot(middle)]
+
     def observe(self, episode: Episode) -> np.ndarray:
         middle = self.middle(episode), self.middle_velocity(episode)
         return columns(*self.held_point(episode), *middle, episode.memory["goal"])
 
-    def reward(self, episode: Episode) -> np.ndarray:
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         off = self.middle(episode) - episode.memory["goal"]
-        return tolerance(off, PLACE_MARGIN) * tolerance(self.speed(episode), CALM_MARGIN, 0.25)
+        return length(off), tolerance(off, PLACE_MARGIN), tolerance(self.speed(episode), CALM_MARGIN, 0.25)

@@ -6,6 +6,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
+from cloth_envs.marks import Mark
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import GUST_TONES, Drive, gusty_wind, tones_of
@@ -20,6 +21,7 @@ WIND_SPEED = (2.0, 4.5)  # m/s, range of the mean wind
 FASTEST = 12.0  # m/s, of gusts and of the pole through the air
 ASIDE = 0.6  # rad, largest angle between the mean wind and the line to the onlooker
 GUST = 0.5  # of the mean
+SEEN_FROM = 1.0  # m from the pole, where pictures show the onlooker, who is far away
 BACKING = 0.4  # rad, how far gusts turn the wind
 
 
@@ -58,6 +60,9 @@ class Flag(Task):
     lattice = (4, 5)
     extras = ("pole x", "pole y", "pole vx", "pole vy", "wind x", "wind y", "onlooker x", "onlooker y")
     extras_bound = 20.0
+    parts = ("shown",)
+    away = "fraction of the area that is not shown"
+    enough = 0.5
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -105,11 +110,17 @@ class Flag(Task):
         controls.wind = self.wind(episode)
         return controls
 
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        pole = episode.state.positions[member, :, :, 0].mean(1)
+        place = pole[:2] + SEEN_FROM * episode.memory["onlooker"][member]
+        return [Mark("onlooker", np.array([[*place, 0.0], pole]))]
+
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
         pole, velocity = state.positions[:, :2, 0, 0], state.velocities[:, :2, 0, 0]
         return columns(pole, velocity, state.wind[:, :2], episode.memory["onlooker"])
 
-    def reward(self, episode: Episode) -> np.ndarray:
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         area = loop_area(episode.state.positions, self.border)
-        return ramp(abs(along(area, episode.memory["onlooker"])), self.area)
+        shown = ramp(abs(along(area, episode.memory["onlooker"])), self.area)
+        return 1.0 - shown, shown

@@ -8,10 +8,11 @@ from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
+from cloth_envs.marks import Mark, dot, ghost, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import GUST_TONES, Drive, gust, tones_of
-from cloth_envs.scenes.measures import columns, tolerance
+from cloth_envs.scenes.measures import columns, length, tolerance, within
 from cloth_envs.scenes.starts import between, rotation
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -26,6 +27,7 @@ WRAP = (0.6, 0.85)  # of a full turn, how far the starting cone closes
 EDGE_TURN = 1.4  # of the cone's sine times the cells along a side: edges of few cells would be chords of a narrow one
 SWING = 1.0  # rad/s, largest starting rate of swinging
 PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
+NEAR = within(PLACE_MARGIN)  # m, distance of the goal that is near enough
 
 
 @documented
@@ -67,6 +69,8 @@ class Hanging(Task):
         *("goal x", "goal y", "goal z", "breeze"),
     )
     extras_bound = 50.0
+    parts = ("place", "calm")
+    away = "of the middle from the goal [m]"
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -120,12 +124,16 @@ class Hanging(Task):
         controls.pressure = BREEZE * gust(episode.memory["tones"], state.time[:, None])[:, 0]
         return controls
 
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        middle, goal = self.middle(episode)[member], episode.memory["goal"][member]
+        return [line(middle, goal), ghost(goal, NEAR), dot(middle)]
+
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
         corner, velocity = state.positions[:, :, 0, 0], state.velocities[:, :, 0, 0]
         middle = self.middle(episode), self.middle_velocity(episode)
         return columns(corner, velocity, *middle, episode.memory["goal"], state.pressure)
 
-    def reward(self, episode: Episode) -> np.ndarray:
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         off = self.middle(episode) - episode.memory["goal"]
-        return tolerance(off, PLACE_MARGIN) * tolerance(self.speed(episode), CALM_MARGIN, 0.25)
+        return length(off), tolerance(off, PLACE_MARGIN), tolerance(self.speed(episode), CALM_MARGIN, 0.25)

@@ -6,10 +6,11 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
+from cloth_envs.marks import Mark, dot, ghost, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
-from cloth_envs.scenes.measures import columns, points, tolerance
+from cloth_envs.scenes.measures import columns, length, points, tolerance, within
 from cloth_envs.scenes.starts import either, pleats
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -23,6 +24,7 @@ DEPTH = (-0.9, -0.5)  # m, height of the starting ball below the upper edge
 PUSH = (0.15, 0.35)  # m, how far behind the hung cloth the target lies
 SIDE = 0.05  # m, most that the target lies beside the vertex
 MARGIN = 0.25  # m
+NEAR = within(MARGIN)  # m, distance of the target that is near enough
 
 
 @documented
@@ -64,6 +66,8 @@ class Hitting(Task):
         *("target x", "target y", "target z"),
     )
     extras_bound = 50.0
+    parts = ("place",)
+    away = "of the marked vertex from the target [m]"
     radius: ClassVar[float] = 0.15  # m, of the ball
 
     def __init__(self, scene: Scene) -> None:
@@ -109,11 +113,16 @@ class Hitting(Task):
         """A field ``(B, 3, H, W)`` at each cloth's marked vertex, ``(B, 3)``."""
         return (points(field, self.keypoints) * episode.memory["marked"][:, None]).sum(2)
 
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        vertex, target = self.vertex(episode, episode.state.positions)[member], episode.memory["target"][member]
+        return [line(vertex, target), ghost(target, NEAR), dot(vertex)]
+
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
         vertex = self.vertex(episode, state.positions), self.vertex(episode, state.velocities)
         ball = state.colliders[:, 0, 0], state.collider_velocities[:, 0, 0]
         return columns(*ball, *vertex, episode.memory["target"])
 
-    def reward(self, episode: Episode) -> np.ndarray:
-        return tolerance(self.vertex(episode, episode.state.positions) - episode.memory["target"], MARGIN)
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
+        off = self.vertex(episode, episode.state.positions) - episode.memory["target"]
+        return length(off), tolerance(off, MARGIN)

@@ -3,7 +3,7 @@
 Fields are ``(B, 3, H, W)``, vertices int32 numbers into the flat grid; NumPy arrays, or tensors of one device.
 """
 
-from math import log
+from math import log, sqrt
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -26,6 +26,16 @@ def tolerance(error: np.ndarray, margin: float, least: float = 0.0, /) -> np.nda
 def ramp(value: np.ndarray, full: float, /) -> np.ndarray:
     """0 where the value ``(B,)`` is 0 or less, 1 where it is ``full`` or more, and even between; ``(B,)``."""
     return (value / full).clip(0.0, 1.0)
+
+
+def within(margin: float, earned: float = 0.9) -> float:
+    """The error at which ``tolerance`` with this margin has fallen to what is ``earned``."""
+    return margin * sqrt(log(earned) / log(0.1))
+
+
+def length(vector: np.ndarray) -> np.ndarray:
+    """Lengths of vectors ``(B, n)``, ``(B,)``."""
+    return (vector * vector).sum(1) ** 0.5
 
 
 @compiled  # 3 us

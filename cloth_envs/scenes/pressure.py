@@ -6,6 +6,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
+from cloth_envs.marks import Mark, dot, line, ring
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene
 from cloth_envs.scenes.drives import GUST_TONES, gust, pump, tones_of
@@ -19,6 +20,7 @@ PUMP = 0.06  # s, time in which the pressure approaches the wanted one
 TARGET_HEIGHT = 0.15  # m, times a gust signal in [-1, 1]
 PREVIEW = [0.0, 0.1]  # s, the target is shown now and ahead
 MARGIN = 0.05  # m
+RING = 0.15  # m, radius of the mark at the target height
 BULGE = 0.04  # m, largest starting apex height
 
 
@@ -56,6 +58,8 @@ class Pressure(Task):
     lattice = (5, 5)
     extras = ("apex z", "apex vz", "pressure", "target z", "target z soon")
     extras_bound = 50.0
+    parts = ("height",)
+    away = "of the apex from the target height [m]"
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -90,9 +94,15 @@ class Pressure(Task):
         """The wanted apex height now and in 0.1 s, ``(B, 2)`` [m]."""
         return TARGET_HEIGHT * gust(episode.memory["tones"], episode.state.time[:, None] + self.preview)
 
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        apex, target = episode.cloth[member, :, self.apex], self.target(episode)[member, 0]
+        ruler = line((0.0, 0.0, -TARGET_HEIGHT), (0.0, 0.0, TARGET_HEIGHT), own=True)
+        return [ruler, dot(apex), ring(np.array([0.0, 0.0, target]), RING)]
+
     def observe(self, episode: Episode) -> np.ndarray:
         height, velocity = episode.cloth[:, 2, self.apex], episode.cloth_velocity[:, 2, self.apex]
         return columns(height, velocity, episode.state.pressure / FULL_PRESSURE, self.target(episode))
 
-    def reward(self, episode: Episode) -> np.ndarray:
-        return tolerance(episode.cloth[:, 2, self.apex] - self.target(episode)[:, 0], MARGIN)
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
+        off = episode.cloth[:, 2, self.apex] - self.target(episode)[:, 0]
+        return abs(off), tolerance(off, MARGIN)

@@ -10,6 +10,7 @@ from cloth_envs.figure import body
 from cloth_envs.figure.dance import dance, stand
 from cloth_envs.figure.motion import Motion
 from cloth_envs.grid import Grid
+from cloth_envs.marks import Mark, ring
 from cloth_envs.material import FABRICS, Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive
@@ -71,6 +72,8 @@ class Skirt(Task):
         *("hem radius", "target radius"),
     )
     extras_bound = 50.0
+    parts = ("radius",)
+    away = "of the hem's radius from the target [m]"
     material = FABRICS["cotton"]
     motion: ClassVar[Motion] = dance()
     tempo: ClassVar[float] = 1.0
@@ -181,6 +184,12 @@ class Skirt(Task):
         hem, hips = (xp.astype(part, xp.float64) for part in (state.positions[:, :2, -1], state.colliders[:, 0]))
         return xp.sqrt(xp.square(hem - hips.mean(1)[:, :2, None]).sum(1)).mean(1)
 
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        height = episode.state.positions[member, 2, -1].mean()
+        hips = episode.state.colliders[member, 0, :, :2].mean(0)
+        centre, hem = np.array([*hips, height]), float(self.hem(episode)[member])
+        return [ring(centre, hem, own=True), ring(centre, float(episode.memory["target"][member]))]
+
     def observe(self, episode: Episode) -> np.ndarray:
         hips, speed = episode.state.colliders[:, 0], episode.state.collider_velocities[:, 0]
         left = (hips[:, 1] - hips[:, 0])[:, :2]
@@ -188,8 +197,9 @@ class Skirt(Task):
         apart = self.apart(episode)[1:]
         return columns(hips.mean(1), speed.mean(1), left, *apart, self.hem(episode), episode.memory["target"])
 
-    def reward(self, episode: Episode) -> np.ndarray:
-        return tolerance(self.hem(episode) - episode.memory["target"], MARGIN)
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
+        off = self.hem(episode) - episode.memory["target"]
+        return abs(off), tolerance(off, MARGIN)
 
 
 def _turned(points: np.ndarray, angle: np.ndarray) -> np.ndarray:

@@ -3,7 +3,9 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from inspect import cleandoc
+from operator import mul
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,6 +13,7 @@ from array_api_compat import array_namespace, device
 
 from cloth_envs.failure import MAX_STRAIN
 from cloth_envs.grid import Grid
+from cloth_envs.marks import Mark
 from cloth_envs.material import Material
 from cloth_envs.registry import EPISODE_FRAMES
 from cloth_envs.scene import Scene
@@ -18,7 +21,21 @@ from cloth_envs.scenes import drives, measures
 from cloth_envs.state import Controls, State
 
 # What a task tells agents of its cloth, which moves the same whatever that is.
-TOLD = frozenset(("observe", "extras", "extras_bound", "lattice", "reward", "max_strain"))
+TOLD = frozenset(
+    (
+        "observe",
+        "extras",
+        "extras_bound",
+        "lattice",
+        "reward",
+        "score",
+        "parts",
+        "away",
+        "enough",
+        "marks",
+        "max_strain",
+    )
+)
 
 
 @dataclass
@@ -78,6 +95,9 @@ class Task(ABC):
     lattice: ClassVar[tuple[int, int]]  # rows and columns of the keypoints in the default observation
     extras: ClassVar[tuple[str, ...]]  # names of the numbers that follow the keypoints in the observation
     extras_bound: ClassVar[float] = 100.0  # on their absolute value
+    parts: ClassVar[tuple[str, ...]] = ()  # names of what the reward is the product of, for those with a ``score``
+    away: ClassVar[str] = ""  # what the distance to the goal is
+    enough: ClassVar[float] = 0.9  # of every part, for success
     material: ClassVar[Material] = Material()
     max_strain: ClassVar[float] = MAX_STRAIN  # of an edge, at which an episode ends as overstretched
     drive: drives.Drive  # what the action moves, in scenes where it moves something
@@ -134,6 +154,8 @@ class Task(ABC):
             cls.draw, cls.lay = Task.draw, Task.lay  # type: ignore[method-assign]
         elif "start" not in own and ("draw" in own or "lay" in own):
             cls.start = _one_of(cls)  # type: ignore[method-assign, assignment]
+        if "reward" in own and "score" not in own:
+            cls.parts = ()  # they make another reward
 
     def start(self, rng: np.random.Generator) -> Start:
         """A random start; draws only from ``rng``. A scene has this, or ``draw`` and ``lay``."""
@@ -198,13 +220,47 @@ class Task(ABC):
         """Root mean square over the keypoints of velocity components ``first`` to ``last - 1``, ``(B,)`` [m/s]."""
         return measures.root_mean_square(episode.state.velocities, self.keypoints, first, last)
 
+    def marks(self, episode: Episode, member: int) -> list[Mark]:
+        """What pictures of a member show of its goal; NumPy arrays only."""
+        return []
+
     @abstractmethod
     def observe(self, episode: Episode) -> np.ndarray:
         """The extras, ``(B, len(extras))``."""
 
-    @abstractmethod
+    def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
+        """The distance to the goal, then ``parts`` in [0, 1], ``(B,)`` each, new arrays.
+
+        A scene has this, or ``reward``.
+
+        Raises:
+            NotImplementedError: it has neither.
+        """
+        if type(self).reward is Task.reward:
+            raise NotImplementedError(f"{type(self).__name__} needs a score, or a reward")
+        return ()
+
     def reward(self, episode: Episode) -> np.ndarray:
-        """``(B,)`` in [0, 1]."""
+        """``(B,)`` in [0, 1]: the product of the parts, where a scene has no other."""
+        return _product(self.score(episode)[1:])
+
+    def judge(self, episode: Episode) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        """The reward and the score of a frame, of which what is measured is measured once."""
+        scores = self.score(episode)
+        own = type(self).reward is not Task.reward
+        return self.reward(episode) if own else _product(scores[1:]), scores
+
+    def met(self, parts: Sequence[np.ndarray]) -> np.ndarray:
+        """Whether a frame of these ``parts`` is a success, bool ``(B,)``: each is at least ``enough``."""
+        met = parts[0] >= self.enough
+        for part in parts[1:]:
+            met = met & (part >= self.enough)
+        return met
+
+
+def _product(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """A new array, also of one part."""
+    return reduce(mul, parts) if len(parts) > 1 else 1.0 * parts[0]
 
 
 def _one_of(task: type[Task]) -> Callable[[Task, np.random.Generator], Start]:
@@ -227,15 +283,20 @@ def stacked(drawn: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
 def documented(task: type[Task]) -> type[Task]:
     """Add to a scene's docstring what is told of every one."""
     n, own = EPISODE_FRAMES[task.__name__], cleandoc(task.__doc__ or "")
+    told = ", ".join(f"`reward_{part}`" for part in task.parts)
     own = own.replace("\n\n## Rewards", '\n`obs="mesh"`: the geometry image and the same extras.\n\n## Rewards')
     task.__doc__ = f"""{own}
 
 ## Episode End
 Truncated after {n} frames ({n * task.frame_dt:g} s). Terminated when the simulation fails (`info["failure"]`).
 
+## Info
+On every step: {told}, whose product is the reward; `distance`, {task.away}; `success`,
+whether every part is at least {task.enough:g}; `strain`, the largest of an edge. More is in docs/using.md.
+
 ## Arguments
-`backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `resolution`, `preset`, `self_contact`, `render_mode`: see
-`ClothEnv`.
+`backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `observe_material`, `resolution`, `preset`, `self_contact`,
+`render_mode`: see `ClothEnv`.
 
 ## Version History
 v0: first version."""

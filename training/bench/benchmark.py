@@ -28,6 +28,7 @@ BENCHMARKS: dict[str, str] = {
     "speed-accuracy": "training.bench.speed_accuracy.run",
     "stability": "training.bench.stability.run",
     "transfer": "training.bench.transfer.run",
+    "agents": "training.bench.agents.run",
     "choices": "training.bench.choices",
     "outside": "training.bench.outside",
     "mesh": "training.bench.mesh",

@@ -1,0 +1,106 @@
+"""Policies by name, function or file."""
+
+import json
+import zipfile
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cloth_envs.evaluation import Policy
+from cloth_envs.extras import install
+from cloth_envs.naming import resolve, unknown_name
+from cloth_envs.policies import CONTROLLERS
+from cloth_envs.registry import load_task
+
+NAMED = ("zero", "random", "controller")
+
+
+def load_policy(name: str, scene: str) -> Policy:
+    """What takes observations of a batch to actions ``(B, A)``.
+
+    ``name`` is ``"zero"``, ``"random"`` (drawn from one seed), ``"controller"`` (of ``cloth_envs.policies``),
+    ``"module:function"``, a ``.zip`` of Stable-Baselines3, or a ``.pt`` file: one of ``examples/train_ppo.py``, or a
+    module that was scripted or traced by torch.
+
+    Raises:
+        ValueError: no such policy, or a file that is none. ImportError: a package that it needs is missing.
+    """
+    actions = len(load_task(scene).actions)
+    if name == "zero":
+        return lambda seen: np.zeros((_count(seen), actions))
+    if name == "random":
+        rng = np.random.default_rng(0)
+        return lambda seen: rng.uniform(-1, 1, (_count(seen), actions))
+    if name == "controller":
+        return CONTROLLERS[scene]
+    suffix = Path(name).suffix
+    if suffix in (".zip", ".pt"):
+        if not Path(name).is_file():
+            raise ValueError(f"there is no file {name}")
+        return _of_stable_baselines(name) if suffix == ".zip" else _of_torch(name)
+    if ":" in name:
+        found = resolve(name)
+        if not callable(found):
+            raise ValueError(f"{name} is no function of observations")
+        return found
+    raise unknown_name("policy (or module:function, .zip, .pt):", name, NAMED)
+
+
+def _count(seen: Any) -> int:
+    return len(next(iter(seen.values())) if isinstance(seen, dict) else seen)
+
+
+def _of_stable_baselines(path: str) -> Policy:
+    try:
+        import stable_baselines3
+    except ImportError as error:
+        raise ImportError(f"{path} needs Stable-Baselines3 ({error}): {install('rl')}") from error
+    try:
+        with zipfile.ZipFile(path) as archive:
+            home = json.loads(archive.read("data"))["policy_class"]["__module__"]
+    except (KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} is no model of Stable-Baselines3 ({error})") from error
+    kinds = {"sac": "SAC", "td3": "TD3", "dqn": "DQN"}
+    algorithm = getattr(stable_baselines3, next((kinds[part] for part in home.split(".") if part in kinds), "PPO"))
+    model = algorithm.load(path, device="cpu")
+    return lambda seen: model.predict(seen, deterministic=True)[0]
+
+
+def _of_torch(path: str) -> Policy:
+    try:
+        torch = import_module("torch")
+    except ImportError as error:
+        raise ImportError(f"{path} needs torch ({error}): {install('train')}") from error
+    try:
+        with zipfile.ZipFile(path) as archive:
+            scripted = any(name.endswith("constants.pkl") for name in archive.namelist())
+    except zipfile.BadZipFile as error:
+        raise ValueError(f"{path} is no file that torch saved ({error})") from error
+    if scripted:
+        module = torch.jit.load(path, map_location="cpu")
+        return lambda seen: module(torch.as_tensor(seen)).detach().numpy()
+    return mlp({name: value.numpy() for name, value in torch.load(path, weights_only=True).items()})
+
+
+def mlp(weights: dict[str, np.ndarray]) -> Policy:
+    """A network with tanh between its layers on scaled observations, as ``examples/train_ppo.py`` saves it.
+
+    ``weights`` are ``mean`` and ``spread`` ``(n,)``, and ``0.weight`` ``(m, n)``, ``0.bias`` ``(m,)`` and so on.
+
+    Raises:
+        ValueError: they lack something.
+    """
+    layers = sorted({int(name.split(".")[0]) for name in weights if name.endswith(".weight")})
+    if not layers or not {"mean", "spread"} <= weights.keys():
+        raise ValueError("a policy's file holds mean, spread, 0.weight, 0.bias, ...; see examples/train_ppo.py")
+
+    def act(seen: np.ndarray) -> np.ndarray:
+        x = np.clip((seen - weights["mean"]) / weights["spread"], -10, 10)
+        for layer in layers:
+            x = x @ weights[f"{layer}.weight"].T + weights[f"{layer}.bias"]
+            x = np.tanh(x) if layer != layers[-1] else x
+        return np.clip(x, -1, 1)
+
+    return act

@@ -1,0 +1,79 @@
+"""``minicloth evaluate``: a policy on the physics that it was trained on, and on the one that counts; one page."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cloth_envs.agents import load_policy
+from cloth_envs.evaluation import Interval, Played, Verdict, play
+from cloth_envs.files import check_file, write_bytes
+from cloth_envs.registry import EPISODE_FRAMES, load_task
+
+Physics = tuple[str, Mapping[str, Any]]
+
+
+def evaluate(
+    policy: str, scene: str, *, train: Physics, certify: Physics, seeds: int, first_seed: int, beside: str,
+    out: str | None, **options: Any,
+) -> str:  # fmt: skip
+    """The page as Markdown, which is also written to ``out``; ``beside`` are other policies, by commas.
+
+    Raises:
+        ValueError, ImportError, OSError: a bad name or number, a package that is missing, a file that can't be written.
+    """
+    load_task(scene)
+    if out is not None:
+        check_file(out, suffixes=(".md",))
+    chosen = range(first_seed, first_seed + seeds)
+    names = list(dict.fromkeys([policy, *filter(None, (name.strip() for name in beside.split(",")))]))
+    policies = {
+        name: [load_policy(name, scene) for _ in range(2)] for name in names
+    }  # a random one draws alike on both
+    verdicts = {}
+    for name, both in policies.items():
+        played = [
+            play(scene, act, chosen, backend=backend, backend_kwargs=dict(given), **options)
+            for act, (backend, given) in zip(both, (train, certify), strict=True)
+        ]
+        verdicts[name] = Verdict(*played)
+    text = page(policy, scene, verdicts, [_line(*train), _line(*certify)], chosen, options.get("frames"))
+    if out is not None:
+        write_bytes(Path(out), text.encode())
+    return text + (f"\nwrote {out}" if out else "")
+
+
+def _line(backend: str, options: Mapping[str, Any]) -> str:
+    return " ".join([backend, *(f"{name}={value}" for name, value in options.items())])
+
+
+def page(
+    policy: str, scene: str, verdicts: Mapping[str, Verdict], physics: list[str], seeds: range, frames: int | None
+) -> str:
+    """Tables of what was earned, of gaps and of failures, and what to beware of."""
+    verdict, own, true = verdicts[policy], *physics
+    others = {name: other for name, other in verdicts.items() if name != policy}
+    lines = [
+        f"# {policy} in {scene}",
+        "",
+        f"Trained on {own}, certified on {true}: seeds {seeds[0]} to {seeds[-1]} on both, episodes of "
+        f"{frames or EPISODE_FRAMES[scene]} frames. Means over seeds, ± half of a 95 % interval.",
+        "",
+        "| policy | physics | reward a frame | last second | success at end | failed | change of action | at a bound |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for name, each in verdicts.items():
+        lines += [_row(name, own, each.own), _row(name, true, each.true)]
+    lines += ["", f"| policy | earned more on {own} | the same with unequal seeds |", "|---|---|---|"]
+    lines += [f"| {name} | {each.gap} | ± {each.unpaired:.3f} |" for name, each in verdicts.items()]
+    lines += ["", *(f"Beware: {warning}." for warning in verdict.warnings(others) or [])]
+    if not verdict.warnings(others):
+        lines.append("Nothing to beware of.")
+    return "\n".join(lines) + "\n"
+
+
+def _row(name: str, physics: str, played: Played) -> str:
+    why = sorted({reason for reason in played.failures if reason})
+    failed = f"{played.failed:.0%}" + (f" ({', '.join(why)})" if why else "")
+    earned, last = Interval.of(played.reward), Interval.of(played.last_second)
+    more = f"{played.success.mean():.0%} | {failed} | {played.change.mean():.2f} | {played.saturated.mean():.0%}"
+    return f"| {name} | {physics} | {earned} | {last} | {more} |"

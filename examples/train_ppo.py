@@ -1,0 +1,150 @@
+"""Proximal policy optimisation (Schulman et al. 2017) that trains on cheap physics first and on the reference last.
+
+python examples/train_ppo.py Hanging --out hanging.pt
+minicloth evaluate hanging.pt --scene Hanging
+
+STAGES are shares of all frames, so that few are the reference's; each goes on with the policy of the last.
+"""
+
+from __future__ import annotations
+
+import argparse
+from time import process_time
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import torch
+from torch import nn
+
+import cloth_envs
+
+STAGES = [("miniature", {"factor": 4}, 0.80), ("miniature", {"factor": 2}, 0.16), ("reference", {}, 0.04)]
+MEMBERS, STEPS, EPOCHS, BATCH = 32, 64, 6, 512
+DISCOUNT, TRACE, CLIP, RATE = 0.99, 0.95, 0.2, 5e-4
+
+
+def network(inputs: int, outputs: int, gain: float) -> nn.Sequential:
+    """64 x 64 with tanh, orthogonal at first."""
+    layers = [nn.Linear(inputs, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh(), nn.Linear(64, outputs)]
+    for layer, size in zip(layers[::2], (2**0.5, 2**0.5, gain), strict=True):
+        nn.init.orthogonal_(layer.weight, size)
+        nn.init.zeros_(layer.bias)
+    return nn.Sequential(*layers)
+
+
+class Running:
+    """Mean and variance of all rows so far."""
+
+    def __init__(self, size: int) -> None:
+        self.mean, self.variance, self.count = np.zeros(size), np.ones(size), 1e-4
+
+    def add(self, rows: np.ndarray) -> None:
+        n, off, both = len(rows), rows.mean(0) - self.mean, self.count + len(rows)
+        squares = self.variance * self.count + rows.var(0) * n + off**2 * self.count * n / both
+        self.mean, self.variance, self.count = self.mean + off * n / both, squares / both, both
+
+    @property
+    def spread(self) -> np.ndarray:
+        return np.sqrt(self.variance + 1e-8)
+
+
+class Agent(nn.Module):
+    def __init__(self, seen: int, actions: int) -> None:
+        super().__init__()
+        self.actor, self.critic = network(seen, actions, 0.01), network(seen, 1, 1.0)
+        self.log_spread = nn.Parameter(torch.full((actions,), -0.5))
+        self.seen, self.earned = Running(seen), Running(1)
+
+    def scaled(self, seen: np.ndarray) -> torch.Tensor:
+        return torch.as_tensor(((seen - self.seen.mean) / self.seen.spread).clip(-10, 10), dtype=torch.float32)
+
+    def log_probability(self, x: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
+        return -(((actions - self.actor(x)) / self.log_spread.exp()) ** 2 / 2 + self.log_spread).sum(-1)
+
+    def save(self, path: str) -> None:
+        """What ``minicloth evaluate`` reads."""
+        scale = {"mean": torch.as_tensor(self.seen.mean), "spread": torch.as_tensor(self.seen.spread)}
+        torch.save(scale | dict(self.actor.state_dict()), path)
+
+
+class Players:
+    """Members of one physics, their time limit kept here: they begin at different places of an episode."""
+
+    def __init__(self, scene: str, backend: str, options: dict[str, Any], seed: int) -> None:
+        ours = {"max_episode_steps": -1, "autoreset_mode": "Disabled", "backend": backend, "backend_kwargs": options}
+        self.env = gym.make_vec(cloth_envs.env_id(scene), num_envs=MEMBERS, **ours)
+        self.seen, _ = self.env.reset(seed=seed)
+        self.length = cloth_envs.EPISODE_FRAMES[scene]
+        self.left, self.sums, self.failed = np.linspace(1, self.length, MEMBERS).astype(int), np.zeros(MEMBERS), 0
+
+    @torch.no_grad()
+    def play(self, agent: Agent) -> tuple[list[torch.Tensor], float]:
+        """STEPS frames as ``(scaled, actions, log probability, advantage, return)``, and the mean reward."""
+        columns: list[list[Any]] = [[] for _ in range(8)]
+        for _ in range(STEPS):
+            agent.seen.add(self.seen)
+            x = agent.scaled(self.seen)
+            actions = agent.actor(x) + agent.log_spread.exp() * torch.randn(MEMBERS, len(agent.log_spread))
+            self.seen, rewards, terminated, _, _ = self.env.step(actions.clamp(-1, 1).numpy())
+            self.left, self.failed = self.left - 1, self.failed + int(terminated.sum())
+            ended = terminated | (self.left == 0)
+            self.sums = DISCOUNT * self.sums + rewards
+            agent.earned.add(self.sums[:, None])
+            after = agent.critic(agent.scaled(self.seen))[:, 0] * ~torch.as_tensor(terminated)  # goes on, if cut
+            frame = (x, actions, agent.log_probability(x, actions), agent.critic(x)[:, 0], after, rewards, ended)
+            for column, value in zip(columns, (*frame, rewards / agent.earned.spread), strict=True):
+                column.append(torch.as_tensor(value))
+            if ended.any():
+                self.seen, _ = self.env.reset(options={"reset_mask": ended})
+                self.left[ended], self.sums[ended] = self.length, 0.0
+        x, actions, told, values, after, rewards, ended, scaled = (torch.stack(column) for column in columns)
+        gains, ahead = torch.zeros_like(values), torch.zeros(MEMBERS)
+        for t in reversed(range(STEPS)):
+            surprise = scaled[t].float() + DISCOUNT * after[t] - values[t]
+            ahead = gains[t] = surprise + DISCOUNT * TRACE * ~ended[t] * ahead
+        return [part.flatten(0, 1) for part in (x, actions, told, gains, gains + values)], float(rewards.mean())
+
+
+def learn(agent: Agent, optimizer: torch.optim.Optimizer, data: list[torch.Tensor]) -> None:
+    for _ in range(EPOCHS):
+        for rows in torch.randperm(len(data[0])).split(BATCH):
+            x, actions, told, gain, goal = (part[rows] for part in data)
+            gain = (gain - gain.mean()) / (gain.std() + 1e-8)
+            ratio = (agent.log_probability(x, actions) - told).exp()
+            better = torch.minimum(ratio * gain, ratio.clamp(1 - CLIP, 1 + CLIP) * gain).mean()
+            loss = 0.5 * (agent.critic(x)[:, 0] - goal).square().mean() - better
+            optimizer.zero_grad()
+            loss.backward()
+            nn.utils.clip_grad_norm_(agent.parameters(), 0.5)
+            optimizer.step()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scene", choices=list(cloth_envs.EPISODE_FRAMES))
+    parser.add_argument("--frames", type=int, default=400_000, help="of all stages and members (default 400000)")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", default="policy.pt")
+    options = parser.parse_args()
+    torch.manual_seed(options.seed)
+    torch.set_num_threads(1)
+    agent, done, began = None, 0, process_time()
+    for number, (backend, own, share) in enumerate(STAGES):
+        players = Players(options.scene, backend, own, 10_000 * (options.seed + 1) + 1_000 * number)
+        until = done + share * options.frames
+        if agent is None:
+            agent = Agent(players.seen.shape[1], players.env.action_space.shape[1])
+            optimizer = torch.optim.Adam(agent.parameters(), lr=RATE, eps=1e-5)
+        while done < until:
+            optimizer.param_groups[0]["lr"] = RATE * (1 - 0.9 * done / options.frames)
+            data, reward = players.play(agent)
+            learn(agent, optimizer, data)
+            done += MEMBERS * STEPS
+            print(f"{process_time() - began:5.0f} s, {done} frames, {backend} {own}: {reward:.3f} a frame", flush=True)
+        players.env.close()
+    agent.save(options.out)
+
+
+if __name__ == "__main__":
+    main()

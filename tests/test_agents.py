@@ -1,0 +1,92 @@
+"""``minicloth bench agents``: schedules, points, equal budgets, interquartile means; nothing is measured twice."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+pytest.importorskip("torch", reason="needs the extra 'train'")
+
+from training.bench.agents import run as agents
+from training.bench.agents.rows import AgentRow, FloorRow, costs, interquartile, last, normalised, table
+from training.rows import read_rows
+
+ROW = AgentRow("Flag", "mixed", 0, 1, 50.0, 1000, 40, 0.3, 0.5, 0.01, 0.02, 0)
+FLOORS = [FloorRow("Flag", "zero", 0.2, 0.0), FloorRow("Flag", "controller", 0.4, 0.5)]
+
+
+def test_only_the_last_point_of_a_training_counts() -> None:
+    rows = [replace(ROW, point=2, reward=0.4), ROW, replace(ROW, seed=1, reward=0.2)]
+    assert sorted(r.reward for r in last(rows)) == [0.2, 0.4]
+    assert normalised(rows, FLOORS) == {"mixed": {"Flag": [pytest.approx(1.0), pytest.approx(0.0)]}}
+
+
+def test_interquartile_means_leave_out_what_is_far() -> None:
+    values = {"a": [0.0, 1.0, 2.0, 3.0], "b": [100.0, 4.0, -50.0, 1.5]}
+    assert interquartile(values)[0] == pytest.approx(np.mean([1, 1.5, 2, 3]))  # the middle four of eight
+    assert np.isnan(interquartile({"a": [0.3], "b": [0.4]})[1:]).all()
+
+
+def test_their_intervals_are_as_wide_as_many_repetitions_spread() -> None:
+    """Of 5 trainings of 9 scenes, whose levels are no part of the spread; a bootstrap of 5 is narrower by (4/5)^.5."""
+    rng, levels = np.random.default_rng(0), np.linspace(0, 1, 9)
+    repeated = [{str(i): (m + 0.2 * rng.normal(size=5)).tolist() for i, m in enumerate(levels)} for _ in range(120)]
+    means, lows, highs = np.array([interquartile(each) for each in repeated]).T
+    spread = 2 * norm.ppf(0.975) * means.std(ddof=1) * 0.8**0.5
+    error = 4 * spread / (2 * 119) ** 0.5  # four standard errors of a standard deviation
+    assert np.mean(highs - lows) == pytest.approx(spread, abs=error)
+    assert ((lows < means) & (means < highs)).all()
+
+
+def test_tables_say_what_was_earned_and_what_it_cost() -> None:
+    text = table([ROW, replace(ROW, seed=1, reward=0.5)], FLOORS)
+    assert "0.40 ± 1.27" in text  # 12.7 of Student's t with one degree of freedom, times 0.1
+    assert "2 trainings of 1 scenes" in text
+    assert "no interval of one seed" in table([ROW], FLOORS)
+    assert "4.0%" in costs([ROW])
+    assert "+0.010 ± 0.020" in costs([ROW])
+
+
+def test_schedules_share_out_the_time_and_end_where_it_counts() -> None:
+    for stages in agents.SCHEDULES.values():
+        assert sum(share for *_, share in stages) == pytest.approx(1)
+    assert [name for name, *_ in agents.SCHEDULES["mixed"]] == ["miniature", "miniature", "reference"]
+
+
+def test_a_run_is_scored_at_its_points_and_goes_on_where_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(agents, "HELD_OUT", range(2))
+    stages = [("miniature", {"factor": 4}, 0.5), ("miniature", {"factor": 3}, 0.5)]
+    monkeypatch.setattr(agents, "SCHEDULES", {"one": [("miniature", {"factor": 4}, 1.0)], "both": stages})
+    work = agents.Work(2.0, 2, 3)
+    monkeypatch.setattr(agents, "Work", lambda *_: work)
+    words = ["--scenes", "Pressure", "--schedules", "one,both", "--out", str(tmp_path), "--quick"]
+    assert agents.BENCHMARK.main(words) == 0
+    rows = read_rows(tmp_path / "agents.csv", AgentRow)
+    assert [(r.schedule, r.point) for r in rows] == [("one", 1), ("one", 2), ("both", 1), ("both", 2)]
+    assert rows[3].frames > rows[2].frames  # each stage has an update
+    for early, late in (rows[:2], rows[2:]):
+        assert 0 < early.frames <= late.frames  # on a busy machine an update takes half of the budget
+        assert 0 < early.processor_s <= late.processor_s
+        assert late.processor_s >= work.seconds
+        assert early.gap_half == 0 < late.gap_half
+        assert late.reference_frames == 0
+        assert 0 < late.reward < 1
+    assert (tmp_path / "agents.png").stat().st_size > 1000
+    before = (tmp_path / "agents.csv").read_bytes()
+    monkeypatch.setattr(agents, "Training", None)  # none is made
+    assert agents.BENCHMARK.main(words) == 0
+    assert (tmp_path / "agents.csv").read_bytes() == before
+    assert "both" in capsys.readouterr().out
+
+
+def test_frames_of_the_reference_are_counted() -> None:
+    training = agents.Training()
+    points = list(training.run("Pressure", [("reference", {}, 1.0)], 0, 0.1, 1))
+    assert points == [1]
+    assert training.reference_frames == training.frames == 32 * 64

@@ -1,0 +1,1 @@
+"""``minicloth bench agents``."""

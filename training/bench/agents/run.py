@@ -1,0 +1,176 @@
+"""``minicloth bench agents``: what the shipped example's agents earn on the reference, by what they were trained on.
+
+Every training has the same processor time, the learner of ``examples/train_ppo.py``, and a schedule of physics: one
+alone, or miniatures first and the reference last. At some points of it the policy plays held-out seeds on the
+reference, which its time does not hold. Run it with OMP_NUM_THREADS=1.
+"""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import torch
+
+from cloth_envs.agents import load_policy
+from cloth_envs.evaluation import Policy, Verdict, play
+from cloth_envs.progress import progress
+from cloth_envs.registry import SCENES
+from training.bench.agents.chart import draw
+from training.bench.agents.rows import (
+    FLOOR_STEM,
+    HAND,
+    MIXED,
+    REFERENCE,
+    STEM,
+    ZERO,
+    AgentRow,
+    FloorRow,
+    costs,
+    table,
+)
+from training.bench.benchmark import Benchmark, Part, RowFile, Session
+from training.rows import read_names, rounded
+
+EXAMPLE = Path(__file__).parents[3] / "examples" / "train_ppo.py"
+Stage = tuple[str, dict[str, Any], float]  # backend, its options, share of the time
+X4: tuple[str, dict[str, Any]] = ("miniature", {"factor": 4})
+X2: tuple[str, dict[str, Any]] = ("miniature", {"factor": 2})
+SCHEDULES: dict[str, Sequence[Stage]] = {
+    "miniature x4": [(*X4, 1.0)],
+    MIXED: [(*X4, 0.6), (*X2, 0.25), ("reference", {}, 0.15)],
+    "miniature x2": [(*X2, 1.0)],
+    REFERENCE: [("reference", {}, 1.0)],
+}
+HELD_OUT = range(900_000, 900_008)
+KEY = ("scene", "schedule", "seed", "point")
+
+
+@dataclass(frozen=True)
+class Work:
+    """Processor time of a training [s], at how many points of it policies are scored, over how many ``frames`` (None:
+    whole episodes).
+    """
+
+    seconds: float
+    points: int
+    frames: int | None = None
+
+
+def example() -> Any:
+    """The module of the example. Raises ValueError: it is not there, as outside of a checkout."""
+    spec = spec_from_file_location("train_ppo", EXAMPLE)
+    if not EXAMPLE.is_file() or spec is None or spec.loader is None:
+        raise ValueError(f"{EXAMPLE} is missing: bench agents runs in a checkout")
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@dataclass
+class Training:
+    """One training as far as it is: its agent, processor time [s], frames, those of the reference, failures."""
+
+    agent: Any = None
+    seconds: float = 0.0
+    frames: int = 0
+    reference_frames: int = 0
+    failed: int = 0
+
+    def run(self, scene: str, stages: Sequence[Stage], seed: int, budget: float, points: int) -> Iterator[int]:
+        """Train, and stop at each of ``points`` even parts of the ``budget`` [s]."""
+        ppo, until, point = example(), 0.0, 1
+        torch.manual_seed(seed)
+        for number, (backend, options, share) in enumerate(stages):
+            players = ppo.Players(scene, backend, {**options, "threads": 1}, 10_000 * (seed + 1) + 1_000 * number)
+            until += share * budget
+            if self.agent is None:
+                self.agent = ppo.Agent(players.seen.shape[1], players.env.action_space.shape[1])
+                optimizer = torch.optim.Adam(self.agent.parameters(), lr=ppo.RATE, eps=1e-5)
+            while self.seconds < until - 1e-9:
+                began = process_time()
+                optimizer.param_groups[0]["lr"] = ppo.RATE * (1 - 0.9 * min(self.seconds / budget, 1.0))
+                data, _ = players.play(self.agent)
+                ppo.learn(self.agent, optimizer, data)
+                self.seconds += process_time() - began
+                self.frames += len(data[0])
+                self.reference_frames += len(data[0]) * (backend == "reference")
+                if point < points and self.seconds >= point * budget / points:
+                    yield point
+                    point += 1
+            self.failed += players.failed
+            players.env.close()
+        yield points
+
+    def policy(self) -> Policy:
+        """What it does now, without noise."""
+
+        def act(seen: Any) -> Any:
+            with torch.no_grad():
+                return self.agent.actor(self.agent.scaled(seen)).numpy()
+
+        return act
+
+
+def fill(session: Session, scene: str, schedule: str, seed: int, work: Work) -> None:
+    """Train once and score what the session's stores lack of it."""
+    store, floors = session.store(STEM), session.store(FLOOR_STEM)
+    for who in (ZERO, HAND):
+        if (scene, who) not in floors:
+            found = play(scene, load_policy(who, scene), HELD_OUT, frames=work.frames)
+            floors.add(FloorRow(scene, who, round(found.reward.mean(), 4), round(found.success.mean(), 4)))
+    if (scene, schedule, seed, work.points) in store:
+        return
+    training, stages, rows = Training(), SCHEDULES[schedule], []
+    for point in training.run(scene, stages, seed, work.seconds, work.points):
+        true = play(scene, training.policy(), HELD_OUT, frames=work.frames)
+        gap = (0.0, 0.0)
+        if point == work.points and stages[0][0] != "reference":
+            backend, options, _ = stages[0]
+            own = play(scene, training.policy(), HELD_OUT, frames=work.frames, backend=backend, backend_kwargs=options)
+            verdict = Verdict(own, true)
+            gap = verdict.gap.mean, verdict.gap.half
+        cost = round(training.seconds, 1), training.frames, training.reference_frames
+        earned = float(true.reward.mean()), float(true.success.mean())
+        rows.append(rounded(AgentRow(scene, schedule, seed, point, *cost, *earned, *gap, training.failed)))
+    store.add(*rows)
+
+
+def measure(session: Session) -> None:
+    """All trainings that the session asks for, seed by seed, so that what is stopped has whole seeds."""
+    given = session.given
+    work = Work(4.0, 2, 20) if session.quick else Work(given.seconds, 5)
+    names = read_names(given.schedules, list(SCHEDULES), "schedule")
+    session.about |= {"threads": 1, "seconds": work.seconds, "held_out": list(HELD_OUT), "schedules": SCHEDULES}
+    torch.set_num_threads(1)
+    scenes = session.scenes[:1] if session.quick else session.scenes
+    jobs = [(s, n, seed) for seed in range(1 if session.quick else given.seeds) for n in names for s in scenes]
+    for scene, name, seed in progress(jobs, "trainings", name=lambda job: ", ".join(map(str, job))):
+        fill(session, scene, name, seed, work)
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    """Its own."""
+    parser.add_argument("--seeds", type=int, default=5, help="trainings of each scene and schedule (default 5)")
+    parser.add_argument("--seconds", type=float, default=130.0, help="processor time of a training (default 130)")
+    parser.add_argument("--schedules", default=",".join(SCHEDULES), help="default: %(default)s")
+
+
+BENCHMARK = Benchmark(
+    name=STEM,
+    about="What agents earn on the reference, by the physics that they were trained on.",
+    files={STEM: RowFile(AgentRow, KEY), FLOOR_STEM: RowFile(FloorRow, ("scene", "who"))},
+    parts=[
+        Part("Reward a frame on the reference", (STEM, FLOOR_STEM), table),
+        Part("Costs, gaps and successes of trainings", (STEM,), costs),
+    ],
+    measure=measure,
+    scenes=tuple(SCENES),
+    pieces=[("--scenes", scene, "--schedules", name) for name in SCHEDULES for scene in SCENES],
+    charts={STEM: "Reward on the reference against training time, by what agents were trained on"},
+    draw=draw,
+    options=options,
+)
