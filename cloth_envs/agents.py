@@ -1,12 +1,15 @@
 """Policies by name, function or file."""
 
 import json
+import re
 import zipfile
 from importlib import import_module
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any
 
 import numpy as np
+from gymnasium.spaces import Box
 
 from cloth_envs.evaluation import Policy
 from cloth_envs.extras import install
@@ -65,6 +68,11 @@ def _of_stable_baselines(path: str) -> Policy:
     kinds = {"sac": "SAC", "td3": "TD3", "dqn": "DQN"}
     algorithm = getattr(stable_baselines3, next((kinds[part] for part in home.split(".") if part in kinds), "PPO"))
     model = algorithm.load(path, device="cpu")
+    if not isinstance(model.observation_space, Box):
+        raise ValueError(
+            f"{path} was not trained on keypoints: load it with Stable-Baselines3 and give its predict to "
+            'cloth_envs.evaluation.play(..., obs="mesh")'
+        )
     return lambda seen: model.predict(seen, deterministic=True)[0]
 
 
@@ -79,9 +87,24 @@ def _of_torch(path: str) -> Policy:
     except zipfile.BadZipFile as error:
         raise ValueError(f"{path} is no file that torch saved ({error})") from error
     if scripted:
-        module = torch.jit.load(path, map_location="cpu")
-        return lambda seen: module(torch.as_tensor(seen)).detach().numpy()
-    return mlp({name: value.numpy() for name, value in torch.load(path, weights_only=True).items()})
+        module = torch.jit.load(path, map_location="cpu").float()
+
+        def act(seen: np.ndarray) -> np.ndarray:
+            try:
+                return module(torch.as_tensor(seen)).detach().numpy()
+            except RuntimeError as error:
+                raise ValueError(f"{path} can't read observations of shape {seen.shape}: {error}") from error
+
+        return act
+    try:
+        weights = {
+            name: value.numpy() for name, value in torch.load(path, map_location="cpu", weights_only=True).items()
+        }
+    except (AttributeError, UnpicklingError) as error:  # a whole module, or tensors in something else
+        raise ValueError(
+            f"{path} holds no tensors by name: save as examples/train_ppo.py does, or torch.jit"
+        ) from error
+    return mlp(weights)
 
 
 def mlp(weights: dict[str, np.ndarray]) -> Policy:
@@ -90,13 +113,25 @@ def mlp(weights: dict[str, np.ndarray]) -> Policy:
     ``weights`` are ``mean`` and ``spread`` ``(n,)``, and ``0.weight`` ``(m, n)``, ``0.bias`` ``(m,)`` and so on.
 
     Raises:
-        ValueError: they lack something.
+        ValueError: they lack something or don't fit each other; of the function, observations of another length.
     """
-    layers = sorted({int(name.split(".")[0]) for name in weights if name.endswith(".weight")})
-    if not layers or not {"mean", "spread"} <= weights.keys():
+    layers = sorted({int(name.split(".")[0]) for name in weights if re.fullmatch(r"\d+\.weight", name)})
+    needed = {"mean", "spread", *(f"{layer}.{part}" for layer in layers for part in ("weight", "bias"))}
+    if not layers or weights.keys() != needed:
         raise ValueError("a policy's file holds mean, spread, 0.weight, 0.bias, ...; see examples/train_ppo.py")
+    n = size = len(weights["mean"])
+    for layer in layers:
+        rows = len(weights[f"{layer}.bias"])
+        if weights[f"{layer}.weight"].shape != (rows, size):
+            shape = weights[f"{layer}.weight"].shape
+            raise ValueError(f"{layer}.weight of a policy's file must have shape {(rows, size)}, it has {shape}")
+        size = rows
 
     def act(seen: np.ndarray) -> np.ndarray:
+        if isinstance(seen, dict) or seen.shape[-1] != n:
+            raise ValueError(
+                f"this policy reads observations of {n} numbers: it was trained in another scene or on others"
+            )
         x = np.clip((seen - weights["mean"]) / weights["spread"], -10, 10)
         for layer in layers:
             x = x @ weights[f"{layer}.weight"].T + weights[f"{layer}.bias"]

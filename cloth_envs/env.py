@@ -150,7 +150,7 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         if reasons:
             info["failure"] = reasons[0]
         if reasons or self._limits.reached():
-            info["reward_final_second"] = self.world.final_second().item()
+            info["final_second"] = self.world.final_second().item()
         if self.world.guarded[0]:
             info["guard"] = True
         if crossings := int(self.world.crossings[0]):

@@ -52,7 +52,7 @@ def play(scene: str, policy: Policy, seeds: Sequence[int], *, frames: int | None
     failures: list[str | None] = [None] * len(seeds)
     success = np.zeros(len(seeds), bool)
     for frame in progress(range(count), f"{scene} on {world.backends[0]}", unit="frame"):
-        moves[frame] = np.clip(world.read(policy(world.observe())), -1, 1)
+        moves[frame] = _chosen(world, policy(world.observe()), frame)
         earned, reasons = world.advance(moves[frame])
         failures = [old or reasons.get(i) for i, old in enumerate(failures)]
         alive = np.array([why is None for why in failures])
@@ -61,6 +61,17 @@ def play(scene: str, policy: Policy, seeds: Sequence[int], *, frames: int | None
     second = rewards[-max(1, round(1 / world.scene.frame_dt)) :]
     change = abs(np.diff(moves, axis=0)).mean((0, 2)) if count > 1 else np.zeros(len(seeds))
     return Played(rewards.mean(0), second.mean(0), success, failures, change, (abs(moves) >= 1).mean((0, 2)))
+
+
+def _chosen(world: World, actions: Any, frame: int) -> np.ndarray:
+    """Actions ``(B, A)`` in [-1, 1]. Raises ValueError: not numbers, not finite, or of another shape."""
+    try:
+        chosen = world.read(actions)
+    except ValueError as error:
+        raise ValueError(f"the policy in frame {frame} on {world.backends[0]}: {error}") from error
+    if not np.isfinite(chosen).all():
+        raise ValueError(f"the policy's actions in frame {frame} on {world.backends[0]} hold NaN or infinity")
+    return chosen.clip(-1, 1)
 
 
 @dataclass(frozen=True)
@@ -115,6 +126,6 @@ class Verdict:
             more = Interval.of(own.reward - true.reward - other.own.reward + other.true.reward)
             if more.mean - more.half > 0:
                 found.append(f"its gap is {more} larger than that of {name}: the physics alone does not explain it")
-        if true.failed > own.failed:
+        if true.failed or own.failed:
             found.append(f"it fails in {true.failed:.0%} of the episodes that count, in {own.failed:.0%} of its own")
         return found

@@ -216,7 +216,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         ended = self._ended = terminated | truncated
         infos: dict[str, Any] = {}
         if ended.any():
-            infos = self._tell("reward_final_second", world.final_second(), ended)
+            infos = self._tell("final_second", world.final_second(), ended)
         if terminated.any():
             told = np.full(n, None, dtype=object)
             for i in np.flatnonzero(terminated).tolist():

@@ -200,7 +200,7 @@ def test_a_failed_simulation_ends_the_episode_with_its_last_good_state() -> None
         assert (terminated, truncated, reward) == (True, False, 0.0)
         assert info.pop("strain") > (1 if reason != "energy" else 0)
         assert info.pop("distance") > 0
-        nothing = {"reward_place": 0.0, "reward_calm": 0.0, "reward_final_second": 0.0, "success": False}
+        nothing = {"reward_place": 0.0, "reward_calm": 0.0, "final_second": 0.0, "success": False}
         assert info == {"failure": reason, **nothing}
         assert np.isfinite(obs).all()
         assert np.array_equal(env.positions, before)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -44,7 +45,7 @@ def test_an_episode_is_that_of_the_environment() -> None:
             seen, reward, *_, info = env.step(moves[-1])
             rewards.append(reward)
         assert found.reward[i] == pytest.approx(np.mean(rewards), rel=1e-12)
-        assert found.last_second[i] == pytest.approx(info["reward_final_second"], rel=1e-12)
+        assert found.last_second[i] == pytest.approx(info["final_second"], rel=1e-12)
         assert found.success[i] == info["success"]
         assert found.change[i] == pytest.approx(abs(np.diff(moves, axis=0)).mean(), rel=1e-6)
         assert found.saturated[i] == pytest.approx((abs(np.array(moves)) == 1).mean())
@@ -80,6 +81,8 @@ def test_what_exploits_or_fails_is_told_and_what_does_not_is_not() -> None:
     assert "larger than that of controller" in words
     assert "it fails in 25% of the episodes that count, in 0% of its own" in words
     assert "larger" not in " ".join(cheat.warnings({"other": cheat}))  # the physics explains it
+    even = Verdict(played(base, failures=4), played(base, failures=4))
+    assert even.warnings({}) == ["it fails in 25% of the episodes that count, in 25% of its own"]
     vague = Verdict(played(base + rng.normal(0, 0.2, 16)), played(base))
     assert any("take more seeds" in warning for warning in vague.warnings({}))
 
@@ -144,6 +147,56 @@ def test_files_that_are_no_policies_are_refused(tmp_path: Path) -> None:
             load_policy(str(bad), "Flag")
     with pytest.raises(ValueError, match="holds mean, spread"):
         mlp({"0.weight": np.zeros((2, 2))})
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_actions_that_are_no_numbers_are_refused_with_their_frame(value: float) -> None:
+    calls = []
+
+    def act(seen: np.ndarray) -> np.ndarray:
+        calls.append(1)
+        return np.full((len(seen), 2), value if len(calls) > 3 else 0.0)
+
+    with pytest.raises(ValueError, match="policy's actions in frame 3 on reference hold NaN"):
+        play("Flag", act, [0], **SMALL)
+    with pytest.raises(ValueError, match=r"policy in frame 0 on reference: action has shape \(2,\)"):
+        play("Flag", lambda seen: np.zeros(2), [0], **SMALL)
+
+
+def test_files_of_torch_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+    torch = pytest.importorskip("torch", reason="needs the extra 'train'")
+    net = torch.nn.Sequential(torch.nn.Linear(5, 4), torch.nn.Tanh(), torch.nn.Linear(4, 2))
+    ours = {"mean": torch.zeros(5), "spread": torch.ones(5), **net.state_dict()}
+    path, seen = tmp_path / "policy.pt", np.zeros((3, 6), np.float32)
+    wrong = {
+        "no tensors by name": [net, {"model": net.state_dict()}, [1, 2]],
+        "holds mean, spread": [{name: ours[name] for name in ours if name != "2.bias"}],
+        "0.weight of a policy's file must have shape": [ours | {"mean": torch.zeros(6)}],
+    }
+    for words, contents in wrong.items():
+        for content in contents:
+            torch.save(content, path)
+            with pytest.raises(ValueError, match=words):
+                load_policy(str(path), "Flag")
+    torch.save(ours, path)
+    with pytest.raises(ValueError, match="reads observations of 5 numbers"):
+        load_policy(str(path), "Flag")(seen)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # torch.jit is old, its files are many
+        torch.jit.trace(net.double(), torch.zeros(1, 5).double()).save(path)
+        policy = load_policy(str(path), "Flag")
+    want = net(torch.zeros(3, 5).double()).detach().numpy()
+    np.testing.assert_allclose(policy(seen[:, :5]), want, atol=1e-6)
+    with pytest.raises(ValueError, match=r"can't read observations of shape \(3, 6\)"):
+        policy(seen)
+
+
+def test_a_model_of_meshes_is_refused(tmp_path: Path) -> None:
+    sb3 = pytest.importorskip("stable_baselines3", reason="needs the extra 'rl'")
+    env = gym.make(cloth_envs.env_id("Flag"), resolution=(13, 17), obs="mesh")
+    sb3.PPO("MultiInputPolicy", env, device="cpu").save(tmp_path / "mesh")
+    with pytest.raises(ValueError, match="not trained on keypoints"):
+        load_policy(str(tmp_path / "mesh.zip"), "Flag")
 
 
 def test_the_page(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -53,6 +53,21 @@ def test_presets_have_marks_of_their_own_goal(preset: str, scene: str) -> None:
     assert type(met) is bool
 
 
+def test_a_curtains_mark_spans_what_is_measured() -> None:
+    """From the fixed side's mean, which swings away from 0, over as much as is to be covered."""
+    world = World("Curtain", resolution=(13, 17))
+    world.reset({0: np.random.default_rng(8000)})
+    for _ in range(30):
+        world.step(np.array([[-1.0, 1.0]]))
+    (begin, end, _), covered = world.goal(0)[0][0].points[:, 0], world.task.covered(world.episode)[0]
+    width, edges = world.scene.grid.width, world.state.positions[0, 0][:, [0, -1]]
+    ours = edges[np.unique(world.task.keypoints // world.scene.grid.cols)].mean(0)
+    assert begin == pytest.approx(ours[0], abs=1e-6)
+    assert abs(begin) > 1e-3
+    assert end - begin == pytest.approx(world.episode.memory["target"][0] * width)
+    assert ours[1] - end == pytest.approx((covered - world.episode.memory["target"][0]) * width, abs=1e-6)
+
+
 def test_marks_of_another_kind_take_the_place_of_the_last() -> None:
     world = World("Hanging", resolution=(13, 17))
     world.reset({0: np.random.default_rng(0)})
@@ -118,3 +133,30 @@ def test_new_captions_need_room() -> None:
     world.reset({0: np.random.default_rng(0)})
     with pytest.raises(ValueError, match="new captions take the place"):
         Renderer(world.scene).draw(world.state, captions=["now"])
+
+
+def test_a_state_set_before_any_reset_frames_the_pictures_of_members() -> None:
+    many: Any = [
+        gym.make_vec(cloth_envs.env_id("Hanging"), num_envs=2, render_mode="rgb_array", resolution=(13, 17))
+        for _ in range(2)
+    ]
+    source = gym.make_vec(cloth_envs.env_id("Hanging"), num_envs=2, resolution=(13, 17))
+    source.reset(seed=8000)
+    for looked, each in zip((True, False), many, strict=True):
+        each.set_state(source.get_state())
+        if looked:
+            each.render()
+        for _ in range(40):
+            each.step(np.ones(each.action_space.shape, np.float32))
+    one, other = (each.render() for each in many)
+    assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
+    for each in many:
+        each.close()
+
+
+def test_an_unknown_policy_of_a_rollout_is_told_of_controllers() -> None:
+    with pytest.raises(ValueError, match="Did you mean 'controller'"):
+        rollout(
+            "Hanging", frames=1, seed=0, policy="controler", video=None, images=None, hdf5=None, strain=False,
+            overwrite=False,
+        )  # fmt: skip

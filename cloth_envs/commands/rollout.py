@@ -9,8 +9,8 @@ import numpy as np
 
 from cloth_envs.commands.outputs import Goal, check_pictures, planned, write_pictures
 from cloth_envs.files import check_file
-from cloth_envs.naming import counted
-from cloth_envs.policies import CONTROLLERS, open_loop
+from cloth_envs.naming import counted, unknown_name
+from cloth_envs.policies import CONTROLLERS, POLICIES, open_loop
 from cloth_envs.progress import announce, progress
 from cloth_envs.recording import RecordRollout, Rollout
 from cloth_envs.registry import EPISODE_FRAMES, env_id, load_task
@@ -42,6 +42,8 @@ def rollout(
     task = load_task(scene)
     frames = EPISODE_FRAMES[scene] if frames is None else frames
     by_hand = policy == "controller"
+    if policy not in (*POLICIES, "controller"):
+        raise unknown_name("policy", policy, (*POLICIES, "controller"))
     planned_actions = open_loop("zero" if by_hand else policy, frames, len(task.actions), task.frame_dt, seed)
     check_pictures(video, images)
     if hdf5 is not None and Path(hdf5).exists() and not overwrite:

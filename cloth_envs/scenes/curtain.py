@@ -123,9 +123,9 @@ class Curtain(Task):
         return mean_span(episode.state.positions, self.first, self.last)[:, 0] / self.scene.grid.width
 
     def marks(self, episode: Episode, member: int) -> list[Mark]:
-        x, y = episode.memory["target"][member] * self.scene.grid.width, episode.state.positions[member, 1, 0, -1]
-        bottom = -1.02 * self.scene.grid.height
-        return [line((0.0, y, bottom), (x, y, bottom), (x, y, 0.0))]  # what is to be covered, and its edge
+        begin, y = episode.cloth[member, 0, self.first].mean(), episode.state.positions[member, 1, 0, -1]
+        end, bottom = begin + episode.memory["target"][member] * self.scene.grid.width, -1.02 * self.scene.grid.height
+        return [line((begin, y, bottom), (end, y, bottom), (end, y, 0.0))]  # what is to be covered, and its edge
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
