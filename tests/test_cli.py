@@ -329,7 +329,7 @@ def test_a_report_finds_the_rows_of_its_checkout(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    assert "15 benchmarks" in run(capsys, "report", "--out", "a.html")
+    assert "17 benchmarks" in run(capsys, "report", "--out", "a.html")
     assert (tmp_path / "a.html").is_file()
 
 
