@@ -43,7 +43,7 @@ class Upscaled(Stateful):
         mending = Mending.of(upscaling, coarse.handles.vertices) if mend else None
         self.fine = Fine(self.scene, coarse.handles, upscaling, mending=mending, guard=guard, threads=threads)
         self._remembering = upscaling if isinstance(upscaling, RememberingUpscaler) else None
-        coarse.frames = upscaling.frames
+        coarse.frames, upscaling.threads = upscaling.frames, threads
 
     @property
     def self_contact(self) -> bool:

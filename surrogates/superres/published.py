@@ -17,12 +17,18 @@ class Conv(nn.Conv2d):
     def __init__(self, inputs: int, outputs: int, size: int, *, periodic: bool = False) -> None:
         super().__init__(inputs, outputs, size)
         self.side, self.periodic = size // 2, periodic
+        self.open = (self.side, 0 if periodic else self.side)  # padding by 0
 
     def forward(self, x: Tensor) -> Tensor:
-        if self.side and self.periodic:
-            x = functional.pad(x, (self.side, self.side, 0, 0), mode="circular")
-        across = 0 if self.periodic else self.side
-        return functional.conv2d(x, self.weight, self.bias, padding=(self.side, across))
+        return functional.conv2d(self.around(x), self.weight, self.bias, padding=self.open)
+
+    def windows(self, x: Tensor) -> Tensor:
+        """What every pixel's outputs are sums of, in the order of the weights: ``(B, inputs * size^2, pixels)``."""
+        return functional.unfold(self.around(x), self.kernel_size, padding=self.open)
+
+    def around(self, x: Tensor) -> Tensor:
+        """``x`` with what is on the other side of a tube's seam."""
+        return functional.pad(x, (self.side, self.side, 0, 0), mode="circular") if self.periodic and self.side else x
 
 
 class DenseBlock(nn.Module):
