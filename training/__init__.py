@@ -4,6 +4,7 @@
 TRAININGS = {
     "dynamics": "training.dynamics.train:main",
     "local": "training.local.train:main",
+    "mfsr": "training.superres.train:main",
     "physics-cnn": "training.cell.train:main",
     "upscaler": "training.upscaler.train:main",
 }

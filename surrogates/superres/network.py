@@ -92,7 +92,7 @@ def divides(coarse: Grid, fine: Grid) -> bool:
 
 
 def convolved(x: np.ndarray, weight: np.ndarray, periodic: bool) -> np.ndarray:
-    """``x`` ``(B, in, h, w)`` under ``weight`` ``(out, in, 3, 3)``, 0 beyond borders, a tube's other side at its seam."""
+    """``x`` ``(B, in, h, w)`` under ``weight`` ``(out, in, 3, 3)``: 0 beyond borders, a tube goes on at its seam."""
     x = np.pad(x, ((0, 0), (0, 0), (1, 1), (0, 0)))
     x = np.pad(x, ((0, 0), (0, 0), (0, 0), (1, 1)), mode="wrap" if periodic else "constant")
     around = np.lib.stride_tricks.sliding_window_view(x, (3, 3), (-2, -1))

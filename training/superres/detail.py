@@ -7,6 +7,7 @@ Each is in parts of what bicubic interpolation has.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -50,8 +51,7 @@ class Net(nn.Module):
     def __init__(self, width: int, layers: int, periodic: bool) -> None:
         super().__init__()
         sizes = [CHANNELS, *[width] * layers, 3 * SCALE**2]
-        pairs = zip(sizes[:-1], sizes[1:], strict=True)
-        self.layers = nn.ModuleList([Conv(a, b, 3, periodic=periodic) for a, b in pairs])
+        self.layers = nn.ModuleList([Conv(a, b, 3, periodic=periodic) for a, b in pairwise(sizes)])
         self.periodic = periodic
         last: Any = self.layers[-1]
         nn.init.zeros_(last.weight), nn.init.zeros_(last.bias)

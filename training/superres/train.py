@@ -1,0 +1,104 @@
+"""``minicloth train mfsr``: the network of ``backend="mfsr"`` and ridge in its features, from synchronised pairs.
+
+Pairs are those of ``minicloth generate SCENE --pairs synchronised``. The last sequence for training is kept for
+choosing; errors are told of those for testing. A stopped training goes on, bit for bit.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from cloth_envs.registry import PRESETS
+from surrogates.superres.features import FRAMES, SCALE, spacing
+from surrogates.superres.network import weights_name
+from training.cache import cache_folder, digest
+from training.command import is_done, keep, plan, read
+from training.fit import Kept
+from training.superres.detail import Detail, Net, Recipe, ridge, train
+from training.superres.frames import Aligned, Frames, score
+from training.superres.pairs import Pair, sequences
+from training.superres.pairs import read as read_pair
+
+OPTIONS = {"steps": "of Adam", "width": "channels of hidden layers", "layers": "hidden ones"}
+
+
+def frames_of(pairs: Sequence[Pair]) -> tuple[Frames, torch.Tensor]:
+    """All frames of ``pairs`` but the starts, and which coarse vertices are driven, ``(runs, h, w)``."""
+
+    def cloths(name: str) -> torch.Tensor:
+        return torch.from_numpy(
+            np.concatenate([np.moveaxis(getattr(pair, name).positions[1:], -1, 1) for pair in pairs])
+        )
+
+    few, many = pairs[0].coarse.scene, pairs[0].fine.scene
+    held = np.zeros((len(pairs), *few.grid.shape), np.float32)
+    for k, pair in enumerate(pairs):
+        held[k].flat[list(pair.coarse.scene.handles)] = 1
+    run = torch.tensor([pair.number for pair in pairs]).repeat_interleave(len(pairs[0].coarse.positions) - 1)
+    frames = Frames(cloths("coarse"), cloths("fine"), run, few.grid, many.grid, few.frame_dt)
+    return frames, torch.from_numpy(held)
+
+
+def arrays(net: Net, detail: Detail) -> dict[str, np.ndarray]:
+    """What ``SuperResolution`` takes."""
+    found = dict(zip(("mean", "width"), (part.flatten() for part in detail.scale), strict=True))
+    for k, layer in enumerate(net.layers):
+        found |= {f"{name}{k}": part.detach() for name, part in layer.named_parameters()}
+    return {name: part.cpu().numpy() for name, part in found.items()}
+
+
+def errors(nets: dict[str, Net | None], detail: Detail, scale: Any) -> dict[str, dict[str, float]]:
+    """``frames.score`` of networks, and of interpolation for None."""
+    aligned, frames, out = Aligned.of(detail.frames), detail.frames.starts(FRAMES - 1, 0).tolist(), {}
+    with torch.no_grad():
+        for name, net in nets.items():
+            guess = detail.base if net is None else lambda numbers, net=net: detail(net, numbers)
+            told = score(aligned, scale, guess, frames)
+            out[name] = {key: float(f"{value:.4g}") for key, value in told.items()}
+    return out
+
+
+def train_scene(scene: str, recipe: Recipe, folder: Path, out: Path, cache: Path) -> None:
+    """Fit and write the network of a scene; what ``out`` holds of this recipe and these pairs is kept.
+
+    Raises:
+        ValueError: there are no pairs.
+    """
+    learnt, tested = (sequences(folder, split) for split in ("train", "test"))
+    settings = {"recipe": json.loads(json.dumps(asdict(recipe))), "pairs": digest(*(p.read_bytes() for p in learnt))}
+    name = weights_name(scene)
+    if is_done(name, SCALE, settings, out):
+        return
+    pairs = [read_pair(path) for path in learnt]
+    frames, held = frames_of(pairs)
+    detail = Detail(frames, held)
+    kept = Kept(cache / f"{name}_{digest(settings)}.pt", json.dumps(settings))
+    net, seconds = train(recipe, detail, kept=kept, label=scene)
+    other = Detail(*frames_of([read_pair(path) for path in tested]), detail.scale)
+    nets = {"bicubic": None, "ridge": ridge(detail), "mfsr": net}
+    told = errors(nets, other, Aligned.of(frames).range())
+    few = pairs[0].coarse.scene
+    card = {
+        "what": f"upscaler 'mfsr' of {scene}: residual to bicubic, from convolutions over the coarse cloth",
+        "data": f"synchronised pairs of sequences {', '.join(str(pair.number) for pair in pairs)}, tracking of means",
+    }
+    about = {
+        "errors of unseen sequences": told,
+        "fitted on": {"spacing": spacing(few.grid), "material": few.material.as_dict()},
+    }
+    keep(name, SCALE, arrays(net, detail), settings, seconds, about, card, out)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Train the network of every scene. Returns the exit code."""
+    given, recipe = read("mfsr", __doc__, Recipe, OPTIONS, argv)
+    scenes = [scene for scene in given.scenes if scene in PRESETS["chen2020"]]
+    plan("mfsr", f"{', '.join(scenes)}, {recipe.steps} steps each", given.out, given.cache)
+    for scene in scenes:
+        train_scene(scene, recipe, cache_folder("synchronised") / scene.lower(), given.out, given.cache)
+    return 0
