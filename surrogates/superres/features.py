@@ -6,6 +6,7 @@ four neighbours are, how that has changed since the frame before, its own veloci
 frames, which way down is, and whether it is driven. Beyond an open border, a vertex is its own neighbour.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -44,13 +45,14 @@ def axes(near: list[Any]) -> Any:
     return xp.stack([first, xp.linalg.cross(third, first, axis=1), third], axis=1)
 
 
-def features(now: Any, before: Any, earlier: Any, held: Any, grid: Grid) -> tuple[Any, Any]:
+def features(past: Sequence[Any], held: Any, grid: Grid) -> tuple[Any, Any]:
     """The numbers that are read, ``(B, CHANNELS, h, w)``, and the axes ``(B, 3 axes, 3, h, w)``.
 
     Args:
-        now, before, earlier: positions [m] of the last three frames, ``(B, 3, h, w)``.
+        past: positions [m] of the last ``FRAMES`` frames, the newest last, ``(B, 3, h, w)`` each.
         held: 1 where a vertex is driven, else 0, ``(h, w)``. grid: the coarse one.
     """
+    earlier, before, now = past
     xp, unit = array_namespace(now), spacing(grid)
     near, old = neighbours(now, grid.periodic), neighbours(before, grid.periodic)
     turn = axes(near)

@@ -70,15 +70,14 @@ class SuperResolution(Upscaler):
 
     def twin(self, history: Sequence[State]) -> np.ndarray:
         """``positions`` in NumPy."""
-        earlier, before, now = (state.positions.astype(np.float32) for state in history)
-        grid = self.coarse.grid
-        x, turn = features(now, before, earlier, self.held, grid)
+        past, grid = [state.positions.astype(np.float32) for state in history], self.coarse.grid
+        x, turn = features(past, self.held, grid)
         x = (x - self.mean[:, None, None]) / self.width[:, None, None]
         for k, (weight, bias) in enumerate(self.layers):
             x = convolved(np.maximum(x, 0) if k else x, weight, grid.periodic) + bias[:, None, None]
         said = untiled(x, grid.periodic)
-        turns = self.linear(np.ascontiguousarray(turn.reshape(len(now), 9, *grid.shape), np.float32))
-        return self.bicubic(now) + residual(said, turns.reshape(-1, 3, 3, *said.shape[2:]), grid)
+        turns = self.linear(np.ascontiguousarray(turn.reshape(-1, 9, *grid.shape), np.float32))
+        return self.bicubic(past[-1]) + residual(said, turns.reshape(-1, 3, 3, *said.shape[2:]), grid)
 
 
 def weights_name(scene: str) -> str:

@@ -84,8 +84,8 @@ class Detail:
 
     def read(self, numbers: Tensor) -> tuple[Tensor, Tensor]:
         """Features ``(n, CHANNELS, h, w)`` and axes of frames that have two of their run before them."""
-        x = [self.frames.coarse[numbers - back] for back in range(FRAMES)]
-        read, turn = features(*x, self.held[self._run[numbers]][:, None], self.frames.small)
+        past = [self.frames.coarse[numbers - back] for back in reversed(range(FRAMES))]
+        read, turn = features(past, self.held[self._run[numbers]][:, None], self.frames.small)
         return read, turn
 
     def _measured(self) -> tuple[Tensor, Tensor]:
@@ -96,7 +96,8 @@ class Detail:
     def turns(self, turn: Tensor) -> Tensor:
         """The coarse vertices' axes at the fine ones, ``(n, 3, 3, H, W)``."""
         grid = self.frames.small
-        return enlarged(turn.flatten(1, 2), grid.periodic).unflatten(1, (3, 3))
+        fine = enlarged(turn.flatten(1, 2), grid.periodic)
+        return fine.view(-1, 3, 3, *fine.shape[2:])
 
     def __call__(self, net: nn.Module, numbers: Tensor) -> Tensor:
         """The fine cloths at frames ``numbers``, ``(n, 3, H, W)`` [m]."""
