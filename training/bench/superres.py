@@ -66,8 +66,7 @@ class SuperresRow:
 
 def free_runs(scene: str, sequence: int, methods: Sequence[Participant], frames: int) -> list[SuperresRow]:
     """Rows of ``methods``, the fine simulation first."""
-    preset = {"name": PRESET, "sequence": sequence} if scene != "Skirt" else PRESET
-    world = World(scene, preset=preset)
+    world = World(scene, preset={"name": PRESET, "sequence": sequence})
     run = record(world, np.zeros((frames, 1, len(world.task.actions))), [0], seeds=[sequence])
     truth: list[np.ndarray] = []
     rows, own, grid = [], {"ms": 0.0, "bending": 0.0, "detail": 0.0}, world.scene.grid
