@@ -1,7 +1,7 @@
 """``minicloth train mfsr``: the network of ``backend="mfsr"`` and ridge in its features, from synchronised pairs.
 
-Pairs are those of ``minicloth generate SCENE --pairs synchronised``. The last sequence for training is kept for
-choosing; errors are told of those for testing. A stopped training goes on, bit for bit.
+Pairs are those of ``minicloth generate SCENE --pairs synchronised``; errors are told of the sequences for testing. A
+stopped training goes on, bit for bit.
 """
 
 import json
@@ -24,6 +24,7 @@ from training.superres.frames import Aligned, Frames, score
 from training.superres.pairs import Pair, sequences
 from training.superres.pairs import read as read_pair
 
+LONGEST = slice(0, 401)  # frames of a sequence that are read: those of Hitting would not fit into memory
 OPTIONS = {"steps": "of Adam", "width": "channels of hidden layers", "layers": "hidden ones"}
 
 
@@ -74,12 +75,12 @@ def train_scene(scene: str, recipe: Recipe, folder: Path, out: Path, cache: Path
     name = weights_name(scene)
     if is_done(name, SCALE, settings, out):
         return
-    pairs = [read_pair(path) for path in learnt]
+    pairs = [read_pair(path, LONGEST) for path in learnt]
     frames, held = frames_of(pairs)
     detail = Detail(frames, held)
     kept = Kept(cache / f"{name}_{digest(settings)}.pt", json.dumps(settings))
     net, seconds = train(recipe, detail, kept=kept, label=scene)
-    other = Detail(*frames_of([read_pair(path) for path in tested]), detail.scale)
+    other = Detail(*frames_of([read_pair(path, LONGEST) for path in tested]), detail.scale)
     nets = {"bicubic": None, "ridge": ridge(detail), "mfsr": net}
     told = errors(nets, other, Aligned.of(frames).range())
     few = pairs[0].coarse.scene
