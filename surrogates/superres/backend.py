@@ -47,7 +47,7 @@ class MfsrBackend(MiniatureBackend):
         solver_kwargs: Mapping[str, Any] | None = None,
         strict: bool = False,
     ) -> None:
-        self._lacks = lacks(scene)
+        self._name, self._lacks = scene.name, lacks(scene)
         why = self._lacks or material_beyond(scene.name, scene.material)
         if true_or_false("strict", strict) and why:
             raise ValueError(f"strict=True: {why}: leave strict out for interpolation, or use the reference")
@@ -60,7 +60,7 @@ class MfsrBackend(MiniatureBackend):
         """Why a cloth of ``material`` is interpolated or beyond what was trained; empty where it is neither."""
         if self._lacks:
             return f"similar, bicubic: {self._lacks}"
-        why = material_beyond(self.scene.name, material)
+        why = material_beyond(self._name, material)
         return f"similar, mfsr: {why}" if why else ""
 
 

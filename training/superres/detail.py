@@ -154,7 +154,8 @@ def train(
         return torch.stack([w * part / own for w, part, own in zip(weights, found, plain, strict=True)]).sum()
 
     rate = cosine(recipe.rate, recipe.steps, least=1e-3, warm=50)
-    return net, fit(net, loss, recipe.steps, rate, clip=1.0, label=label, kept=kept)
+    seconds = fit(net, loss, recipe.steps, rate, clip=1.0, label=label, kept=kept)
+    return net.eval(), seconds
 
 
 def ridge(detail: Detail, share: float = 1e-4) -> Net:
