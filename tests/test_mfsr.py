@@ -39,6 +39,7 @@ def test_the_cloth_is_the_networks_and_does_not_cross_itself() -> None:
     away = np.linalg.norm(x - plain, axis=1)
     assert 1e-4 < away.mean() < 3e-3  # m
     assert crossing_triangles(world.scene.grid, x)[0] == 0
+    assert world.controls is not None
     held = [world.scene.handles.index(pin) for pin in world.scene.pins]
     driven = world.controls.handle_positions[0, held].T
     np.testing.assert_allclose(x.reshape(3, -1)[:, world.scene.pins], driven, atol=1e-6)

@@ -25,7 +25,12 @@ from training.superres.pairs import Pair, sequences
 from training.superres.pairs import read as read_pair
 
 LONGEST = slice(0, 401)  # frames of a sequence that are read: those of Hitting would not fit into memory
-OPTIONS = {"steps": "of Adam", "width": "channels of hidden layers", "layers": "hidden ones"}
+OPTIONS = {
+    "steps": "of Adam",
+    "windows": "of three frames in a batch",
+    "width": "channels of hidden layers",
+    "layers": "hidden ones",
+}
 
 
 def frames_of(pairs: Sequence[Pair]) -> tuple[Frames, torch.Tensor]:
