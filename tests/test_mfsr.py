@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from typing import Any
 
 import numpy as np
@@ -57,9 +58,11 @@ def test_a_saved_state_goes_on_bit_for_bit() -> None:
     world, other = begun(), begun()
     steps(world, 4)
     other.set_state(world.get_state())
-    for each in (world, other):
+    copied = pickle.loads(pickle.dumps(world))
+    for each in (world, other, copied):
         steps(each, 3, 4)
-    np.testing.assert_array_equal(other.state.positions, world.state.positions)
+    for each in (other, copied):
+        np.testing.assert_array_equal(each.state.positions, world.state.positions)
 
 
 @pytest.mark.parametrize(
