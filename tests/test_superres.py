@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from json import loads
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,12 +26,13 @@ from surrogates.superres.network import SuperResolution, convolved, untiled
 from surrogates.superres.published import Conv, MeshSr, Mfsr, tiled
 from surrogates.superres.refine import smoothed
 from training.metrics import detail as metrics
+from training.superres import published
 from training.superres.detail import Detail, Net, Recipe, ridge, tiles, train
-from training.superres.frames import Aligned, Frames
+from training.superres.frames import Aligned, Frames, frames_of
 from training.superres.generate import BACKEND
 from training.superres.losses import kinematic, positions
 from training.superres.pairs import Pair, Run
-from training.superres.train import arrays, errors, frames_of
+from training.superres.train import arrays, errors
 
 SMALL, LARGE = Grid(5, 6, 1.0, 1.2), Grid(17, 21, 1.0, 1.2)
 TUBE, LARGE_TUBE = Grid(5, 8, 1.0, 1.6, periodic=True), Grid(17, 32, 1.0, 1.6, periodic=True)
@@ -249,3 +252,25 @@ def test_smoothing_by_normals_takes_noise_away_and_leaves_the_cloth(periodic: bo
     assert moved < 0.1 * spacing(
         grid
     )  # three passes by the sagitta of a cell, h^2 / 8 times a curvature below 1 / 0.25
+
+
+def test_a_published_training_learns_and_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    few, many = (torch.from_numpy(crumpled(grid, 1)).repeat(12, 1, 1, 1) for grid in (SMALL, LARGE))
+    sway = 0.1 * torch.sin(torch.arange(12) / 3)[:, None, None, None]
+    frames = Frames(few + sway, many + sway, torch.zeros(12), SMALL, LARGE, 0.04)
+    recipe = published.Recipe(size=published.SMALL, schedule="cosine", rate=2e-3)
+    monkeypatch.setattr(published, "RECIPES", {"all": recipe})
+    net, told = published.train(recipe, Aligned.of(frames), Aligned.of(frames), Aligned.of(frames).range(), steps=60)
+    assert told["curve"][-1][1] > told["curve"][0][1] + 10  # dB
+    assert (
+        published.test(recipe, net, Aligned.of(frames), Aligned.of(frames).range())["psnr"] > told["curve"][0][1] + 10
+    )
+    for _ in range(2):
+        published.run(["all"], Aligned.of(frames), Aligned.of(frames), 0.1, tmp_path)
+        monkeypatch.setattr(published, "train", None)  # not called again
+    assert set(loads((tmp_path / "published.json").read_text())) == {"all"}
+
+
+def test_the_published_rate_falls_by_ten_until_the_middle() -> None:
+    rate = published.published_rate(1e-4, 240)
+    assert [rate(step) for step in (0, 39, 40, 80, 120, 239)] == pytest.approx([1e-4, 1e-4, 1e-5, 1e-6, 1e-7, 1e-7])

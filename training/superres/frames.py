@@ -3,11 +3,13 @@
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from cloth_envs.grid import Grid
 from surrogates.superres.image import Alignment, Range, at_rest, image, normals
+from training.superres.pairs import Pair
 
 CHUNK = 32  # frames at a time
 
@@ -35,6 +37,23 @@ class Frames(NamedTuple):
         """Frames that have ``before`` frames of their run before and ``after`` behind them, ``(n,)`` on the host."""
         last, number = len(self.run) - after, torch.arange(before, len(self.run) - after)
         return number[self.run[: last - before] == self.run[before + after :]]
+
+
+def frames_of(pairs: Sequence[Pair]) -> tuple[Frames, Tensor]:
+    """All frames of ``pairs`` but the starts, and which coarse vertices are driven, ``(runs, h, w)``."""
+
+    def cloths(name: str) -> Tensor:
+        return torch.from_numpy(
+            np.concatenate([np.moveaxis(getattr(pair, name).positions[1:], -1, 1) for pair in pairs])
+        )
+
+    few, many = pairs[0].coarse.scene, pairs[0].fine.scene
+    held = np.zeros((len(pairs), *few.grid.shape), np.float32)
+    for k, pair in enumerate(pairs):
+        held[k].flat[list(pair.coarse.scene.handles)] = 1
+    run = torch.tensor([pair.number for pair in pairs]).repeat_interleave(len(pairs[0].coarse.positions) - 1)
+    frames = Frames(cloths("coarse"), cloths("fine"), run, few.grid, many.grid, few.frame_dt)
+    return frames, torch.from_numpy(held)
 
 
 class Aligned(NamedTuple):

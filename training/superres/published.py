@@ -1,8 +1,9 @@
-"""Training of the published networks: MFSR under the losses of table 3, on two trunks, and mesh SR.
+"""``minicloth train mfsr-published``: MFSR under the losses of table 3, on two trunks, and mesh SR, as published.
 
-Adam with betas (0.9, 0.9), a rate of 1e-4 that is divided by 10 after every 20 of 120 epochs until the 60th: the 120
-epochs stand for all steps of a run, however many the time allows. A batch is a few windows of consecutive frames, the
-whole images; the publication's is 16 patches of images that are larger than ours.
+From pairs of ``minicloth generate SCENE --pairs synchronised``, on a graphics card if there is one. What ``--out`` has
+figures of is kept. Adam with betas (0.9, 0.9), a rate of 1e-4 that is divided by 10 after every 20 of 120 epochs until
+the 60th: the 120 epochs stand for all steps of a run, however many the time allows. A batch is a few windows of
+consecutive frames, the whole images; the publication's is 16 patches of images that are larger than ours.
 """
 
 import json
@@ -16,11 +17,18 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cloth_envs.files import check_folder, read_json, write_text
+from cloth_envs.parsing import Parser
+from cloth_envs.progress import announce
+from cloth_envs.registry import PRESETS
 from surrogates.superres.image import Range
 from surrogates.superres.published import MeshSr, Mfsr
+from training.cache import cache_folder
 from training.fit import Kept, Rate, cosine, fit
-from training.superres.frames import Aligned, score
+from training.rows import read_names
+from training.superres.frames import Aligned, frames_of, score
 from training.superres.losses import ALL, Weights, feature_psnr, loss, positions
+from training.superres.pairs import SPLITS, read, sequences
 
 RATE, EPOCHS, DROP, LAST_DROP = 1e-4, 120, 20, 60
 LOOKS = 20  # points of a curve of convergence
@@ -177,11 +185,37 @@ def test(recipe: Recipe, net: torch.nn.Module, held: Aligned, scale: Range) -> d
 
 def run(names: Sequence[str], pairs: Aligned, held: Aligned, seconds: float, out: Path) -> None:
     """Train each of ``RECIPES`` for so long, score it, write its weights and ``<out>/published.json`` after each."""
-    scale, rows = pairs.range(), {}
+    scale, told = pairs.range(), out / "published.json"
+    rows: dict[str, Any] = read_json(told, remedy="remove it") if told.is_file() else {}
     for name in names:
-        net, told = train(RECIPES[name], pairs, held, scale, seconds=seconds, label=name)
-        rows[name] = {**told, **test(RECIPES[name], net, held, scale)}
+        if name in rows:
+            continue
+        net, about = train(RECIPES[name], pairs, held, scale, seconds=seconds, label=name)
+        rows[name] = {**about, **test(RECIPES[name], net, held, scale)}
         if name in KEPT:
             torch.save({key: value.half().cpu() for key, value in net.state_dict().items()}, out / f"{name}.pt")
-        (out / "published.json").write_text(json.dumps(rows, indent=1))
+        write_text(told, json.dumps(rows, indent=1) + "\n")
         print(name, {key: value for key, value in rows[name].items() if key not in ("curve", "recipe")}, flush=True)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Train the networks. Returns the exit code."""
+    parser = Parser(prog="minicloth train mfsr-published", description=__doc__)
+    parser.add_argument("--scene", default="Draping")
+    parser.add_argument("--networks", default=",".join(RECIPES), help="some of %(default)s")
+    parser.add_argument("--seconds", type=float, default=600.0, help="of each (default 600; on a processor hours)")
+    parser.add_argument("--frames", type=int, default=200, help="of each sequence (default 200)")
+    parser.add_argument("--out", type=Path, default=Path("published"), help="folder of weights and figures")
+    given = parser.parse_args(argv)
+    read_names(given.scene, list(PRESETS["chen2020"]), "scene")
+    names, device = read_names(given.networks, list(RECIPES), "network"), "cuda" if torch.cuda.is_available() else "cpu"
+    check_folder(given.out)
+    folder = cache_folder("synchronised") / given.scene.lower()
+    announce(f"{len(names)} networks, {given.seconds:g} s each, on {device}; pairs of {folder}, figures in {given.out}")
+    part = slice(0, given.frames + 1)
+    learnt, tested = (
+        Aligned.of(frames_of([read(path, part) for path in sequences(folder, split)])[0].to(torch.device(device)))
+        for split in SPLITS
+    )
+    run(names, learnt, tested, given.seconds, given.out)
+    return 0

@@ -20,9 +20,9 @@ from training.cache import cache_folder, digest
 from training.command import is_done, keep, plan, read
 from training.fit import Kept
 from training.superres.detail import Detail, Net, Recipe, ridge, train
-from training.superres.frames import Aligned, Frames, score
-from training.superres.pairs import Pair, sequences
+from training.superres.frames import Aligned, frames_of, score
 from training.superres.pairs import read as read_pair
+from training.superres.pairs import sequences
 
 LONGEST = slice(0, 401)  # frames of a sequence that are read: those of Hitting would not fit into memory
 OPTIONS = {
@@ -31,23 +31,6 @@ OPTIONS = {
     "width": "channels of hidden layers",
     "layers": "hidden ones",
 }
-
-
-def frames_of(pairs: Sequence[Pair]) -> tuple[Frames, torch.Tensor]:
-    """All frames of ``pairs`` but the starts, and which coarse vertices are driven, ``(runs, h, w)``."""
-
-    def cloths(name: str) -> torch.Tensor:
-        return torch.from_numpy(
-            np.concatenate([np.moveaxis(getattr(pair, name).positions[1:], -1, 1) for pair in pairs])
-        )
-
-    few, many = pairs[0].coarse.scene, pairs[0].fine.scene
-    held = np.zeros((len(pairs), *few.grid.shape), np.float32)
-    for k, pair in enumerate(pairs):
-        held[k].flat[list(pair.coarse.scene.handles)] = 1
-    run = torch.tensor([pair.number for pair in pairs]).repeat_interleave(len(pairs[0].coarse.positions) - 1)
-    frames = Frames(cloths("coarse"), cloths("fine"), run, few.grid, many.grid, few.frame_dt)
-    return frames, torch.from_numpy(held)
 
 
 def arrays(net: Net, detail: Detail) -> dict[str, np.ndarray]:
