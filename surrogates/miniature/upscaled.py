@@ -28,7 +28,8 @@ class Upscaled(Stateful):
         coarse: what moves.
         upscaling: what makes a fine cloth of it.
         mend: bring the fine cloth's edges to their lengths (``mending``).
-        guard: interpolate a cloth bicubically in frames in which a network would strain an edge by over ``fine.GUARD``.
+        guard: interpolate a cloth bicubically in frames in which a network would strain an edge by over its
+            ``torn``.
         threads: that upscale, over members of the batch.
 
     Attributes:

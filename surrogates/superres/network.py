@@ -34,6 +34,7 @@ class SuperResolution(Upscaler):
     """
 
     frames = FRAMES
+    torn = 1.0  # in pleats interpolation strains hundreds of edges by 0.3, the network some of these by 0.5
 
     def __init__(
         self, coarse: Scene, fine: Scene, factor: float, *, arrays: Mapping[str, np.ndarray] | None = None

@@ -69,10 +69,12 @@ class Upscaler(ABC):
         kind: of the interpolation of velocities, one of ``resample.KINDS``.
         half: the grid that a network of ``recipe`` gives, where interpolation goes on from there.
         threads: over members of the batch, for those that use them.
+        torn: the strain of an edge over which ``guard`` takes bicubic interpolation instead.
     """
 
     frames = 1
     threads = 1
+    torn = 0.5
     kind = "cubic"
     half: Grid | None = None
     recipe = NOTHING
