@@ -1,7 +1,7 @@
 """``minicloth train mfsr``: the network of ``backend="mfsr"`` and ridge in its features, from synchronised pairs.
 
 Pairs are those of ``minicloth generate SCENE --pairs synchronised``; errors are told of the sequences for testing. A
-stopped training goes on, bit for bit.
+stopped training goes on, bit for bit. By default those of Chen et al. 2020: Draping, Hitting and Skirt.
 """
 
 import json
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from cloth_envs.registry import PRESETS
+from cloth_envs.registry import PRESETS, SCENES
 from surrogates.superres.features import FRAMES, SCALE, spacing
 from surrogates.superres.network import weights_name
 from training.cache import cache_folder, digest
@@ -86,7 +86,7 @@ def train_scene(scene: str, recipe: Recipe, folder: Path, out: Path, cache: Path
 def main(argv: Sequence[str] | None = None) -> int:
     """Train the network of every scene. Returns the exit code."""
     given, recipe = read("mfsr", __doc__, Recipe, OPTIONS, argv)
-    scenes = [scene for scene in given.scenes if scene in PRESETS["chen2020"]]
+    scenes = list(PRESETS["chen2020"]) if given.scenes == list(SCENES) else given.scenes
     plan("mfsr", f"{', '.join(scenes)}, {recipe.steps} steps each", given.out, given.cache)
     for scene in scenes:
         train_scene(scene, recipe, cache_folder("synchronised") / scene.lower(), given.out, given.cache)
