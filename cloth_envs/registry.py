@@ -54,6 +54,7 @@ BACKENDS: dict[str, BackendFactory | str] = {
     "auto": "surrogates.auto.backend:AutoBackend",
     "cnn": "surrogates.cell.backend:cnn",
     "reference": "cloth_envs.physics.solver:reference",
+    "mfsr": "surrogates.superres.backend:MfsrBackend",
     "miniature": "surrogates.miniature.make:miniature",
 }
 GROUP = "minicloth.backends"  # entry points: name -> module:attribute

@@ -24,6 +24,7 @@ BACKENDS: dict[str, dict[str, Any]] = {
     "implicit": {"backend_kwargs": {"solver": "implicit"}},
     "miniature": {"backend": "miniature"},
     "corrected": {"scene": "Curtain", "backend": "miniature", "backend_kwargs": {"correction": "learned", "factor": 4}},
+    "mfsr": {"backend": "mfsr"},
     "cnn": {"backend": "cnn"},
     "torch": {"backend": "cnn", "backend_kwargs": {"engine": "torch"}},
 }

@@ -20,6 +20,7 @@ TWINS = {
     "explicit/lanes": "test_kernel_twin.py",
     "implicit/lanes": "test_implicit.py::test_the_gradient_is_the_twins_forces",
     "nets/correct_lanes": "test_dynamics.py::test_the_compiled_correction_of_a_frame_is_its_numpy_twin",
+    "nets/detail_lanes": "test_superres.py::test_the_kernel_is_its_twin",
     "nets/patch_lanes": "test_upscale_twin.py::test_the_residual_is_that_of_the_twin",
     "nets/resample_lanes": "test_miniature.py::test_interpolation_is_exact_for_its_degree_and_at_shared_vertices",
     "particles/lanes": "test_particles.py",

@@ -4,6 +4,8 @@
 TRAININGS = {
     "dynamics": "training.dynamics.train:main",
     "local": "training.local.train:main",
+    "mfsr": "training.superres.train:main",
+    "mfsr-published": "training.superres.published:main",
     "physics-cnn": "training.cell.train:main",
     "upscaler": "training.upscaler.train:main",
 }

@@ -87,17 +87,19 @@ def fit(
     kept: Kept | None = None,
     rng: np.random.Generator | None = None,
     best: Best | None = None,
+    betas: tuple[float, float] = (0.9, 0.999),
 ) -> float:
     """Change ``net`` by Adam until ``steps`` are done. Returns the processor's seconds for all of them.
 
     ``loss`` is of a step: its batch follows from the step's number and from ``rng``, the generator that it draws from.
-    ``label`` is of the progress, ``clip`` the largest norm of a gradient, ``kept`` where to go on; the weights of
-    ``best`` are left in the end instead of the last ones. Parameters that require no gradient stay as they are.
+    ``label`` is of the progress, ``clip`` the largest norm of a gradient, ``kept`` where to go on, ``betas`` Adam's;
+    the weights of ``best`` are left in the end instead of the last ones. Parameters that require no gradient stay as
+    they are.
 
     Raises:
         ValueError: ``kept`` is of another training.
     """
-    optimiser = torch.optim.Adam([p for p in net.parameters() if p.requires_grad])
+    optimiser = torch.optim.Adam([p for p in net.parameters() if p.requires_grad], betas=betas)
     parts = kept.read() if kept is not None else {}
     done, spent = parts.get("done", 0), parts.get("spent", 0.0)
     if parts:

@@ -12,7 +12,7 @@ from surrogates.miniature.handles import ROUNDING, Handles
 from surrogates.miniature.mending import Mending
 from surrogates.upscale.protocol import NOTHING, Interpolation, Upscaler, is_compiled
 
-GUARD = 0.5  # strain
+GUARD = Upscaler.torn  # strain, of most networks
 REACH = 1e-5  # m, within which a vertex is at the surface of a body
 
 
@@ -27,8 +27,8 @@ class Fine:
     Args:
         scene: of the fine cloth. handles: how a coarse one follows its handles.
         mending: of edges; None leaves them as they are.
-        guard: interpolate a cloth bicubically where a network would strain an edge by over ``GUARD``, mended, and mend
-            it more where that still does.
+        guard: interpolate a cloth bicubically where a network would strain an edge by over its ``torn``, mended, and
+            mend it more where that still does.
         threads: over members of the batch.
 
     Attributes:
@@ -80,7 +80,7 @@ class Fine:
         between, last, alone, more = self._mending
         self._kernel.fill(
             coarse.positions, coarse.velocities, net, bias, grids, speeds, between if net and grids else None, last,
-            self._cubic, alone, more, GUARD,
+            self._cubic, alone, more, up.torn,
             controls.handle_positions, controls.handle_velocities, coarse.colliders, coarse.collider_velocities,
             positions, velocities, self.pushed, self.depth, self._guarded, self._threads,
         )  # fmt: skip

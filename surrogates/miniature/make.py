@@ -12,7 +12,7 @@ from surrogates.upscale.protocol import Interpolation
 if TYPE_CHECKING:
     from surrogates.miniature.on_device import MiniatureOnDevice
 
-NOT_ON_DEVICE = ("fc", "hdnn")  # upscalers
+NOT_ON_DEVICE = ("fc", "hdnn", "mfsr")  # upscalers
 
 
 def miniature(

@@ -28,7 +28,8 @@ class Upscaled(Stateful):
         coarse: what moves.
         upscaling: what makes a fine cloth of it.
         mend: bring the fine cloth's edges to their lengths (``mending``).
-        guard: interpolate a cloth bicubically in frames in which a network would strain an edge by over ``fine.GUARD``.
+        guard: interpolate a cloth bicubically in frames in which a network would strain an edge by over its
+            ``torn``.
         threads: that upscale, over members of the batch.
 
     Attributes:
@@ -43,7 +44,7 @@ class Upscaled(Stateful):
         mending = Mending.of(upscaling, coarse.handles.vertices) if mend else None
         self.fine = Fine(self.scene, coarse.handles, upscaling, mending=mending, guard=guard, threads=threads)
         self._remembering = upscaling if isinstance(upscaling, RememberingUpscaler) else None
-        coarse.frames = upscaling.frames
+        coarse.frames, upscaling.threads = upscaling.frames, threads
 
     @property
     def self_contact(self) -> bool:

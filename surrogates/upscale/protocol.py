@@ -21,6 +21,7 @@ LEARNED: dict[str, str] = {
     "fc": "surrogates.upscale.published:FullyConnected",
     "hdnn": "surrogates.upscale.published:HierarchicalDnn",
     "local": "surrogates.upscale.local:Local",
+    "mfsr": "surrogates.superres.network:SuperResolution",
     "ridge": "surrogates.upscale.local:Ridge",
 }
 
@@ -67,9 +68,13 @@ class Upscaler(ABC):
         speeds: what compiled ``velocities`` do.
         kind: of the interpolation of velocities, one of ``resample.KINDS``.
         half: the grid that a network of ``recipe`` gives, where interpolation goes on from there.
+        threads: over members of the batch, for those that use them.
+        torn: the strain of an edge over which ``guard`` takes bicubic interpolation instead.
     """
 
     frames = 1
+    threads = 1
+    torn = 0.5
     kind = "cubic"
     half: Grid | None = None
     recipe = NOTHING

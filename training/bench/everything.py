@@ -28,7 +28,18 @@ from training.rows import Store, read_names
 
 # All but those of kernels, cards, solvers, single sheets, pairs, other programs, other papers and of a
 # million steps, and the one whose table ``backend="auto"`` reads: it is made first, and is code of the others.
-APART = ("throughput", "convergence", "folds", "synchronised", "peers", "tables", "endurance", "choices", "gpu")
+APART = (
+    "throughput",
+    "convergence",
+    "folds",
+    "synchronised",
+    "super-resolution",
+    "peers",
+    "tables",
+    "endurance",
+    "choices",
+    "gpu",
+)
 USUAL = [name for name in BENCHMARKS if name not in APART]
 RECORD, PARTS, TIMES = "all.json", "parts", ("--times-only",)
 RUN = "import sys; from training.bench.benchmark import find; sys.exit(find(sys.argv[1]).main(sys.argv[2:]))"

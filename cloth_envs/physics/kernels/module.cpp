@@ -19,6 +19,7 @@ NB_MODULE(_minicloth_kernels, m) {
   bind_resample(m);
   bind_correct(m);
   bind_patch(m);
+  bind_detail(m);
   bind_fine(m);
   bind_state(m);
   bind_measures(m);

@@ -13,6 +13,7 @@ void bind_count(nanobind::module_& m);
 void bind_resample(nanobind::module_& m);
 void bind_correct(nanobind::module_& m);
 void bind_patch(nanobind::module_& m);
+void bind_detail(nanobind::module_& m);
 void bind_fine(nanobind::module_& m);
 void bind_state(nanobind::module_& m);
 void bind_measures(nanobind::module_& m);

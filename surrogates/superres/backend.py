@@ -1,0 +1,89 @@
+"""The backend ``"mfsr"``: super-resolved cloth (after Chen et al. 2020), coarse physics and detail from a network.
+
+It is a miniature at factor 4 whose upscaler is the network, for all else is the same: the coarse cloth in its own
+material that keeps out of itself and of bodies, fine ones computed when they are read, handles, folds drawn out of each
+other, what is remembered.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from cloth_envs.arguments import true_or_false
+from cloth_envs.material import Material
+from cloth_envs.registry import SCENES
+from cloth_envs.scene import Scene
+from surrogates.checkpoint import WEIGHTS, load
+from surrogates.miniature.backend import MiniatureBackend
+from surrogates.miniature.coarse import coarse_grid
+from surrogates.superres.features import SCALE, spacing
+from surrogates.superres.network import divides, weights_name
+
+SPACING = 1.1  # times larger or smaller than in training that the coarse grid's may be
+
+
+class MfsrBackend(MiniatureBackend):
+    """Coarse physics at factor 4, super-resolved when the cloth is read.
+
+    Args:
+        scene: at full resolution. num_envs: members of the batch.
+        guard: interpolate a cloth bicubically in frames in which the network would tear it; ``guarded`` tells the last
+            frame's.
+        threads: over members of the batch.
+        solver: of the coarse cloth, as for ``backend="reference"``. solver_kwargs: its other options.
+        strict: raise ValueError where the network was not trained, instead of interpolating bicubically.
+
+    Raises:
+        ValueError: a bad argument; ``strict``, and a scene, grid or material that the network was not trained on.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        num_envs: int = 1,
+        guard: bool = True,
+        threads: int = 1,
+        solver: str = "explicit",
+        solver_kwargs: Mapping[str, Any] | None = None,
+        strict: bool = False,
+    ) -> None:
+        self._name, self._lacks = scene.name, lacks(scene)
+        why = self._lacks or material_beyond(scene.name, scene.material)
+        if true_or_false("strict", strict) and why:
+            raise ValueError(f"strict=True: {why}: leave strict out for interpolation, or use the reference")
+        super().__init__(
+            scene, num_envs=num_envs, factor=SCALE, scaling="similar", upscaler="bicubic" if self._lacks else "mfsr",
+            mend=False, guard=guard, threads=threads, solver=solver, solver_kwargs=solver_kwargs,
+        )  # fmt: skip
+
+    def plain(self, material: Material) -> str:
+        """Why a cloth of ``material`` is interpolated or beyond what was trained; empty where it is neither."""
+        if self._lacks:
+            return f"similar, bicubic: {self._lacks}"
+        why = material_beyond(self._name, material)
+        return f"similar, mfsr: {why}" if why else ""
+
+
+def lacks(scene: Scene) -> str:
+    """Why there is no network for ``scene``; empty if there is one."""
+    name = weights_name(scene.name)
+    if scene.name not in SCENES or not (WEIGHTS / f"{name}.safetensors").is_file():
+        return f"no super-resolution of {scene.name}"
+    coarse = coarse_grid(scene.grid, SCALE)
+    if not divides(coarse, scene.grid):
+        return f"{scene.grid} is not {SCALE} times as fine as another grid"
+    trained = load(name).card["factors"][str(SCALE)]["fitted on"]["spacing"]
+    if not 1 / SPACING < spacing(coarse) / trained < SPACING:
+        return f"coarse cells of {1e3 * spacing(coarse):.0f} mm, trained on {1e3 * trained:.0f} mm"
+    return ""
+
+
+def material_beyond(scene: str, material: Material) -> str:
+    """Why the network was not trained on ``material``; empty if it was, or if there is none."""
+    name = weights_name(scene)
+    if not (WEIGHTS / f"{name}.safetensors").is_file():
+        return ""
+    trained = load(name).card["factors"][str(SCALE)]["fitted on"]["material"]
+    other = [f"{key} {value:g}, trained on {trained[key]:g}" for key, value in material.as_dict().items()
+             if value != trained[key]]  # fmt: skip
+    return ", ".join(other[:2])

@@ -1,0 +1,193 @@
+"""Training of the network that adds detail to interpolation (``surrogates.superres``), and of ridge in its features.
+
+The loss is of the squared distance, of normals, of the error's second difference in time, which flickers, and of how
+wrinkled windows of the cloth are: the mean of all fine cloths that a coarse one may have is smoother than any of them.
+Each is in parts of what bicubic interpolation has.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from cloth_envs.resample import weights as interpolation
+from surrogates.superres.features import CHANNELS, FRAMES, SCALE, features, residual
+from surrogates.superres.image import normals
+from surrogates.superres.published import Conv, enlarged, tiled
+from training.fit import Kept, cosine, fit
+from training.superres.frames import CHUNK, Frames, wrinkles
+
+WINDOW = 8  # fine vertices along a side, over which wrinkles are compared
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A network of ``layers`` hidden ones of ``width`` and its training.
+
+    Attributes:
+        normal, flicker, wrinkle: weights of the losses beside that of distances, which is 1.
+        windows: of three frames in a batch. rate: falls along half a cosine.
+    """
+
+    width: int = 32
+    layers: int = 6
+    normal: float = 0.3
+    flicker: float = 0.1
+    wrinkle: float = 0.1
+    steps: int = 6000
+    windows: int = 4
+    rate: float = 2e-3
+    seed: int = 0
+
+
+class Net(nn.Module):
+    """From normalised features ``(B, CHANNELS, h, w)`` to numbers at the fine vertices, ``(B, 3, H, W)``."""
+
+    def __init__(self, width: int, layers: int, periodic: bool) -> None:
+        super().__init__()
+        sizes = [CHANNELS, *[width] * layers, 3 * SCALE**2]
+        self.layers = nn.ModuleList([Conv(a, b, 3, periodic=periodic) for a, b in pairwise(sizes)])
+        self.periodic = periodic
+        last: Any = self.layers[-1]
+        nn.init.zeros_(last.weight), nn.init.zeros_(last.bias)
+
+    def forward(self, x: Tensor) -> Tensor:
+        for layer in self.layers[:-1]:
+            x = layer(x).relu()
+        return tiled(functional.pixel_shuffle(self.layers[-1](x), SCALE), self.periodic)
+
+
+class Detail:
+    """What makes fine cloths of the coarse ones of ``frames``: interpolation, and a network's residual to it.
+
+    Args:
+        held: 1 where a coarse vertex is driven, else 0: ``(runs, h, w)``, on the device of the frames.
+        scale: mean and width of every feature, ``(1, CHANNELS, 1, 1)`` each; those of these frames if not given.
+    """
+
+    def __init__(self, frames: Frames, held: Tensor, scale: tuple[Tensor, Tensor] | None = None) -> None:
+        self.frames, self.held, device = frames, held, frames.coarse.device
+        both = interpolation(frames.small, frames.large)
+        self._rows, self._cols = (torch.tensor(part, dtype=torch.float32, device=device) for part in both)
+        self._run = torch.unique_consecutive(frames.run, return_inverse=True)[1]
+        self.scale = scale or self._measured()
+
+    def base(self, numbers: Tensor) -> Tensor:
+        """Bicubic interpolation, ``(n, 3, H, W)`` [m]."""
+        found: Tensor = self._rows @ self.frames.coarse[numbers] @ self._cols.T
+        return found
+
+    def read(self, numbers: Tensor) -> tuple[Tensor, Tensor]:
+        """Features ``(n, CHANNELS, h, w)`` and axes of frames that have two of their run before them."""
+        past = [self.frames.coarse[numbers - back] for back in reversed(range(FRAMES))]
+        read, turn = features(past, self.held[self._run[numbers]][:, None], self.frames.small)
+        return read, turn
+
+    def _measured(self) -> tuple[Tensor, Tensor]:
+        numbers = self.frames.starts(FRAMES - 1, 0)[::7]
+        read = torch.cat([self.read(part)[0] for part in torch.split(numbers, CHUNK)])
+        return read.mean((0, 2, 3), keepdim=True), read.std((0, 2, 3), keepdim=True) + 1e-3
+
+    def turns(self, turn: Tensor) -> Tensor:
+        """The coarse vertices' axes at the fine ones, ``(n, 3, 3, H, W)``."""
+        grid = self.frames.small
+        fine = enlarged(turn.flatten(1, 2), grid.periodic)
+        return fine.view(-1, 3, 3, *fine.shape[2:])
+
+    def __call__(self, net: nn.Module, numbers: Tensor) -> Tensor:
+        """The fine cloths at frames ``numbers``, ``(n, 3, H, W)`` [m]."""
+        read, turn = self.read(numbers)
+        found = net((read - self.scale[0]) / self.scale[1])
+        return self.base(numbers) + residual(found, self.turns(turn), self.frames.small)
+
+
+def parts(x: Tensor, truth: Tensor, periodic: bool) -> list[Tensor]:
+    """The four losses of cloths ``(windows, 3, 3, H, W)`` [m]: distance, normals, flicker, wrinkles."""
+    gap = x - truth
+    one, other = (cloth.flatten(0, 1) for cloth in (x, truth))
+    rough = [functional.avg_pool2d(wrinkles(part).square().sum(1, keepdim=True), WINDOW) for part in (one, other)]
+    a, b = ((part + 1e-11).sqrt() for part in rough)
+    return [
+        gap.square().sum(2).mean(),
+        (1 - (normals(one, periodic) * normals(other, periodic)).sum(1)).mean(),
+        (gap[:, 2] - 2 * gap[:, 1] + gap[:, 0]).square().sum(1).mean(),
+        (a - b).square().mean(),
+    ]
+
+
+def train(
+    recipe: Recipe, detail: Detail, *, kept: Kept | None = None, label: str = "", graph: bool = False
+) -> tuple[Net, float]:
+    """The network and the processor's seconds. ``graph``: run it as a CUDA graph.
+
+    Raises:
+        ValueError: ``kept`` is of another training.
+    """
+    torch.manual_seed(recipe.seed)
+    grid, device = detail.frames.small, detail.frames.coarse.device
+    net = Net(recipe.width, recipe.layers, grid.periodic).to(device)
+    call: Any = net
+    if graph:
+        call = torch.cuda.make_graphed_callables(
+            net, (torch.rand(recipe.windows * 3, CHANNELS, *grid.shape, device=device),)
+        )
+    starts = detail.frames.starts(FRAMES - 1, 2)
+
+    def compared(find: Callable[[Tensor], Tensor], rng: np.random.Generator) -> list[Tensor]:
+        chosen = starts[torch.from_numpy(rng.integers(len(starts), size=recipe.windows))]
+        numbers = (chosen[:, None] + torch.arange(3)).flatten()
+        shape = (recipe.windows, 3, 3, *detail.frames.large.shape)
+        return parts(find(numbers).view(shape), detail.frames.fine[numbers].view(shape), grid.periodic)
+
+    with torch.no_grad():
+        drawn = [compared(detail.base, np.random.default_rng((recipe.seed, 1, k))) for k in range(10)]
+    plain = [sum(float(batch[k]) for batch in drawn) / len(drawn) for k in range(4)]
+    weights = [1.0, recipe.normal, recipe.flicker, recipe.wrinkle]
+
+    def loss(step: int) -> Tensor:
+        found = compared(lambda numbers: detail(call, numbers), np.random.default_rng((recipe.seed, 0, step)))
+        return torch.stack([w * part / own for w, part, own in zip(weights, found, plain, strict=True)]).sum()
+
+    rate = cosine(recipe.rate, recipe.steps, least=1e-3, warm=50)
+    seconds = fit(net, loss, recipe.steps, rate, clip=1.0, label=label, kept=kept)
+    return net.eval(), seconds
+
+
+def ridge(detail: Detail, share: float = 1e-4) -> Net:
+    """The linear network whose squared distance from the fine cloths is least: one layer, solved.
+
+    ``share`` of the mean square of the features is added to each one's.
+    """
+    grid, device = detail.frames.small, detail.frames.coarse.device
+    net = Net(0, 0, grid.periodic).to(device)
+    layer: Any = net.layers[0]
+    square: Any = 0
+    product: Any = 0
+    for numbers in torch.split(detail.frames.starts(FRAMES - 1, 0)[::3], CHUNK):
+        read, turn = detail.read(numbers)
+        seen = layer.windows((read - detail.scale[0]) / detail.scale[1])
+        seen = torch.cat([seen, torch.ones_like(seen[:, :1])], 1).transpose(1, 2).flatten(0, 1).double()
+        gap = (detail.frames.fine[numbers] - detail.base(numbers)).unsqueeze(1)
+        wanted = (detail.turns(turn) * gap).sum(2) / float(np.sqrt(grid.row_spacing * grid.col_spacing))
+        cells = tiles(wanted, grid.periodic).flatten(2).transpose(1, 2).flatten(0, 1).double()
+        square, product = square + seen.T @ seen, product + seen.T @ cells
+    square += share * square.diagonal().mean() * torch.eye(len(square), device=device, dtype=torch.float64)
+    solved = torch.linalg.solve(square, product).T.float()
+    with torch.no_grad():
+        layer.weight.copy_(solved[:, :-1].view_as(layer.weight))
+        layer.bias.copy_(solved[:, -1])
+    return net
+
+
+def tiles(fine: Tensor, periodic: bool) -> Tensor:
+    """The tiles of which ``published.tiled`` makes ``fine`` ``(n, 3, H, W)``; what lies beyond it is its border."""
+    if periodic:
+        whole = functional.pad(fine.roll(1, 3), (0, 0, 1, 2), mode="replicate")
+    else:
+        whole = functional.pad(fine, (1, 2, 1, 2), mode="replicate")
+    return functional.pixel_unshuffle(whole, SCALE)
