@@ -227,6 +227,7 @@ from training.bench.stability.rows import StabilityRow
 from training.cache import cached_arrays
 from training.fit import Kept
 from training.generate import Plan, write_shard
+from training.superres.generate import Plan as Pairs, write_sequence
 from training.rows import write_rows
 from dataclasses import dataclass
 
@@ -250,6 +251,7 @@ jobs = {
     "a.pt": lambda: Kept(folder / "a.pt", "mark").write(a=torch.tensor(big)),
     "a.png": lambda: charts.save(figure, "note", folder, "a"),
     "00000.h5": lambda: write_shard(Plan("Flag", frames=5), folder, 0),
+    "000.h5": lambda: write_sequence(Pairs("Draping", 5), folder, 0),
 }
 resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
 for name, job in jobs.items():
@@ -259,7 +261,7 @@ for name, job in jobs.items():
     except OSError as error:
         told = str(error)
         print(told.count("can't write") == 1 and f"{name} (File too large): free some space" in told, name, told)
-print(os.listdir(folder))
+print([file for *_, files in os.walk(folder) for file in files])
 """
 
 
@@ -270,7 +272,7 @@ def test_all_other_writers(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     *lines, left = done.stdout.splitlines()
     assert [line for line in lines if not line.startswith("True")] == []
-    assert len(lines) == 7
+    assert len(lines) == 8
     assert left == "[]"
     assert "Traceback" not in done.stderr
 

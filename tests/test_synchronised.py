@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from cloth_envs.world import World
 from surrogates.superres.synchronised import Synchronised
 from training.bench.synchronised.rows import FloorRow, TrackingRow, floor
 from training.bench.synchronised.run import spikes
+from training.jobs import each
 from training.rows import read_rows
 from training.superres import generate as module
 from training.superres.generate import BACKEND, Plan, Protocol, generate
@@ -180,6 +182,31 @@ def test_a_broken_generator_restarts_its_sequence(tmp_path: Path, monkeypatch: p
     np.testing.assert_array_equal(read(sequences(tmp_path, "test")[0], slice(2, 3)).bodies.shape, (1, 0, 2, 3))
 
 
+def test_what_is_no_pair_is_not_read_as_one(tmp_path: Path) -> None:
+    generate(Plan("Draping", 2), tmp_path, [0, 1])
+    one, other = sequences(tmp_path, "train")
+    with pytest.raises(ValueError, match="no fine recording"):
+        read(twin(one))
+    with pytest.raises(ValueError, match="none of them in"):
+        read(one, slice(3, None))
+    whole = twin(one).read_bytes()
+    twin(one).write_bytes(twin(other).read_bytes())
+    with pytest.raises(ValueError, match="not of one sequence"):
+        read(one)
+    twin(one).write_bytes(whole)
+    assert read(one).number == 0
+    twin(one).unlink()
+    with pytest.raises(FileNotFoundError, match="coarse"):
+        read(one)
+
+
+def test_a_killed_process_is_told() -> None:
+    """Of two that raise signals, 0 being none."""
+    assert list(each(signal.raise_signal, [0, 0, 0], 2)) == [None] * 3
+    with pytest.raises(ChildProcessError, match="fewer --jobs"):
+        list(each(signal.raise_signal, [0, signal.SIGKILL, 0], 2))
+
+
 @pytest.mark.parametrize(
     ("scene", "count", "train", "test"),
     [("Draping", 13, 10, 3), ("Hitting", 35, 31, 4), ("Hitting", 14, 10, 4), ("Skirt", 7, 5, 2), ("Flag", 2, 1, 1)],
@@ -254,3 +281,6 @@ def test_the_command_says_what_it_does(tmp_path: Path, capsys: pytest.CaptureFix
     with pytest.raises(SystemExit, match="2"):
         main(["generate", "Draping", "--pairs", "synchronised", "--sequences", "14"])
     assert "must be at most 13" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        main(["generate", "Skirt", "--pairs", "synchronised", "--frames", "801"])
+    assert "--frames must be at most 800" in capsys.readouterr().err

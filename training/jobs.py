@@ -1,7 +1,8 @@
 """The same function over many items: in this process, in several, or on a Ray cluster."""
 
 from collections.abc import Callable, Iterator, Sequence
-from multiprocessing import get_context
+from multiprocessing import TimeoutError as NotYet
+from multiprocessing import active_children, get_context
 from typing import TypeVar
 
 Item = TypeVar("Item")
@@ -17,14 +18,32 @@ def each(
 
     Raises:
         ImportError: an address, and no Ray.
+        ChildProcessError: a process was killed.
     """
     if address is not None:
         yield from _on_ray(job, items, address)
     elif min(workers, len(items)) > 1:
-        with get_context("spawn").Pool(workers) as pool:
-            yield from pool.imap_unordered(job, items)
+        yield from _in_processes(job, items, min(workers, len(items)))
     else:
         yield from map(job, items)
+
+
+def _in_processes(job: Callable[[Item], Result], items: Sequence[Item], workers: int) -> Iterator[Result]:
+    others = set(active_children())
+    with get_context("spawn").Pool(workers) as pool:
+        processes, results = set(active_children()) - others, pool.imap_unordered(job, items)
+        waiting = len(items)
+        while waiting:
+            try:
+                result = results.next(timeout=1.0)
+            except NotYet:  # what a killed process worked on would be waited for without end
+                if any(process.exitcode for process in processes):
+                    raise ChildProcessError(
+                        "a process was killed, for want of memory perhaps: run it again with fewer --jobs"
+                    ) from None
+            else:
+                waiting -= 1
+                yield result
 
 
 def _on_ray(job: Callable[[Item], Result], items: Sequence[Item], address: str) -> Iterator[Result]:

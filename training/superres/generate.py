@@ -4,7 +4,9 @@ Of Draping, Hitting and Skirt the sequences of Chen et al. 2020 (``preset="chen2
 scenes smooth actions. Each is two recordings, ``coarse`` and ``fine`` of ``train`` or ``test``; whole ones are kept.
 """
 
+import errno
 import json
+import os
 from collections import deque
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -15,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from cloth_envs.files import check_folder, write_bytes
+from cloth_envs.files import cannot_write, check_folder, write_bytes
 from cloth_envs.parsing import Parser
 from cloth_envs.presets import load_preset, presets_of
 from cloth_envs.progress import announce, progress
@@ -98,6 +100,7 @@ def write_sequence(plan: Plan, folder: Path, number: int) -> None:
 
     Raises:
         ValueError: a simulation failed.
+        OSError: it can't be written. Nothing is left of it then.
     """
     world = plan.world(number)
     actions = plan.actions(world, number)
@@ -109,26 +112,33 @@ def write_sequence(plan: Plan, folder: Path, number: int) -> None:
     for part in parts:
         part.parent.mkdir(parents=True, exist_ok=True)
         part.unlink(missing_ok=True)
-    with ExitStack() as stack:
-        scenes = cloths.coarse_scene, world.scene
-        writers = [
-            stack.enter_context(RolloutWriter(part, scene, actions=actions.shape[2], steps=STEPS))
-            for part, scene in zip(parts, scenes, strict=True)
-        ]
-        for writer in writers:
-            writer.begin(number)
+    try:
+        with ExitStack() as stack:
+            scenes = cloths.coarse_scene, world.scene
+            writers = [
+                stack.enter_context(RolloutWriter(part, scene, actions=actions.shape[2], steps=STEPS))
+                for part, scene in zip(parts, scenes, strict=True)
+            ]
+            for writer in writers:
+                writer.begin(number)
 
-        def store(state: State) -> State:
-            action, reward = world.episode.action[0], float(world.rewards[0])
-            for writer, cloth in zip(writers, (cloths.coarse, state), strict=True):
-                writer.append(cloth, action, reward)
-            return state.select([])
+            def store(state: State) -> State:
+                action, reward = world.episode.action[0], float(world.rewards[0])
+                for writer, cloth in zip(writers, (cloths.coarse, state), strict=True):
+                    writer.append(cloth, action, reward)
+                return state.select([])
 
-        run = record(world, actions, range(plan.frames + 1), seeds=[number], take=store)
-    if run.failures[0]:
-        raise ValueError(f"sequence {number} of {plan.scene} failed ({run.failures[0]}): use other --tracking")
-    for part, end in zip(parts, ends, strict=True):
-        part.replace(end)
+            run = record(world, actions, range(plan.frames + 1), seeds=[number], take=store)
+        if run.failures[0]:
+            raise ValueError(f"sequence {number} of {plan.scene} failed ({run.failures[0]}): use other --tracking")
+        for part, end in zip(parts, ends, strict=True):
+            part.replace(end)
+    except OSError as error:  # the writer's own tells of frames in parts, which are removed
+        code = error.errno or errno.EIO
+        raise cannot_write(fine, OSError(code, os.strerror(code))) from error
+    finally:
+        for part in parts:
+            part.unlink(missing_ok=True)
 
 
 def missing(plan: Plan, folder: Path, numbers: Sequence[int]) -> list[int]:
@@ -191,8 +201,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, value in {"sequences": count, "frames": frames, "factor": given.factor, "jobs": given.jobs}.items():
         if value < 1:
             parser.error(f"--{name} must be at least 1")
-    if count > usual.sequences:
-        parser.error(f"--sequences must be at most {usual.sequences}, which {given.scene} has")
+    for name, value, most in ("sequences", count, usual.sequences), ("frames", frames, usual.frames):
+        if value > most:  # more frames of a dance would be those of the next sequence, the test's even
+            parser.error(f"--{name} must be at most {most}, which {given.scene} has")
     plan = Plan.usual(given.scene, frames, factor=given.factor, tracking=given.tracking)
     folder, numbers = given.out or cache_folder("synchronised") / given.scene.lower(), usual.first(count)
     size = count * (frames + 1) * 9 * plan.world(0).scene.grid.vertices * (1 + given.factor**-2)

@@ -64,15 +64,27 @@ def rest(grid: Grid) -> np.ndarray:
 
 
 def read(path: Path, frames: slice = slice(None)) -> Pair:
-    """The pair of a fine recording, or some of its frames (0 is the start)."""
-    (coarse, _), (fine, bodies) = _run(twin(path), frames), _run(path, frames)
-    return Pair(int(path.stem), coarse, fine, bodies)
+    """The pair of a fine recording, or some of its frames (0 is the start).
+
+    Raises:
+        FileNotFoundError: one of the two is not there.
+        ValueError: one is damaged, they are not of one sequence, ``path`` is no fine one, or ``frames`` has none.
+    """
+    if path.parent.name != "fine":
+        raise ValueError(f"{path} is no fine recording of a pair: give one that sequences() tells")
+    (coarse, _, number), (fine, bodies, own) = _run(twin(path), frames), _run(path, frames)
+    if number != own or len(coarse.positions) != len(fine.positions):
+        raise ValueError(f"{path} and {twin(path)} are not of one sequence: remove both and generate the pairs again")
+    return Pair(own, coarse, fine, bodies)
 
 
-def _run(path: Path, frames: slice) -> tuple[Run, np.ndarray]:
-    """A recording's cloth, and its bodies."""
+def _run(path: Path, frames: slice) -> tuple[Run, np.ndarray, int]:
+    """A recording's cloth, its bodies, and the number of its sequence."""
     with Rollout.open(path) as rollout:
         states = [rollout.state(frame) for frame in range(rollout.length())[frames]]
+        number = rollout.seeds[0]
+        if not states or number is None:
+            raise ValueError(f"{path} has {rollout.length()} frames, none of them in {frames}, or is of no sequence")
         cloth = (np.stack([s.positions[0] for s in states]), np.stack([s.velocities[0] for s in states]))
         last = (np.ascontiguousarray(np.moveaxis(field, 1, -1)) for field in cloth)
-        return Run(rollout.scene, *last), np.concatenate([state.colliders for state in states])
+        return Run(rollout.scene, *last), np.concatenate([state.colliders for state in states]), number
