@@ -70,6 +70,7 @@ def test_a_saved_state_goes_on_bit_for_bit() -> None:
     ("scene", "options", "words"),
     [
         ("Draping", {}, "coarse cells of 62 mm, trained on 38 mm"),
+        ("Draping", {"resolution": (57, 209)}, "coarse cells of 71 x 19 mm, trained on 38 mm"),  # as large, other sides
         ("Draping", {"resolution": (108, 105)}, "108x105 is not 4 times as fine"),
         ("Flag", {"resolution": (65, 33)}, "no super-resolution of Flag"),
     ],
@@ -86,6 +87,20 @@ def test_another_material_is_told() -> None:
     world = World("Draping", preset=SEQUENCE, backend="mfsr", material=FABRICS["silk"])
     world.reset({0: np_random(0)[0]})
     assert world.surrogate[0].startswith("similar, mfsr: areal_density")
+
+
+def test_strict_refuses_other_materials_however_they_come() -> None:
+    """As the scene's, drawn at a reset, or with a state; what it has is told as elsewhere."""
+    strict: dict[str, Any] = {"preset": SEQUENCE, "backend": "mfsr", "backend_kwargs": {"strict": True}}
+    with pytest.raises(ValueError, match="strict=True: areal_density"):
+        World("Draping", material=FABRICS["silk"], **strict)
+    with pytest.raises(ValueError, match="strict=True: areal_density"):
+        World("Draping", randomize={"areal_density": (0.1, 0.6)}, **strict)
+    silk, world = begun(material=FABRICS["silk"]), World("Draping", **strict)
+    with pytest.raises(ValueError, match="strict=True: areal_density"):
+        world.set_state(silk.get_state())
+    world.reset({0: np_random(0)[0]})
+    assert world.surrogate[0] == ""
 
 
 @pytest.mark.parametrize(("scene", "sequence"), [("Draping", 10), ("Hitting", 33), ("Skirt", 5)])
