@@ -12,7 +12,7 @@ from gymnasium.utils.seeding import np_random
 from cloth_envs.material import FABRICS
 from cloth_envs.world import World
 from surrogates.superres.network import SuperResolution
-from training.metrics.contact import crossing_triangles
+from training.metrics.contact import crossing_triangles, inside
 from training.superres.generate import BACKEND
 
 SEQUENCE = {"name": "chen2020", "sequence": 10}
@@ -45,6 +45,16 @@ def test_the_cloth_is_the_networks_and_does_not_cross_itself() -> None:
     held = [world.scene.handles.index(pin) for pin in world.scene.pins]
     driven = world.controls.handle_positions[0, held].T
     np.testing.assert_allclose(x.reshape(3, -1)[:, world.scene.pins], driven, atol=1e-6)
+
+
+def test_a_swung_skirt_crosses_neither_itself_nor_the_dancer() -> None:
+    """Where folds lie on the dancer, what is drawn out of a fold may be put outside the body into it again."""
+    world = World("Skirt", preset={"name": "chen2020", "sequence": 6}, backend="mfsr")
+    world.reset({0: np_random(1)[0]})
+    for frame in range(64):
+        world.step(np.full((1, 2), np.sign(np.sin(frame / 4 + 0.1))))
+        assert crossing_triangles(world.scene.grid, world.state.positions)[0] == 0, frame
+        assert inside(world.scene, world.state).count[0] == 0, frame
 
 
 def test_members_of_a_batch_are_alike_whatever_the_threads() -> None:
