@@ -12,7 +12,7 @@ from gymnasium.utils.seeding import np_random
 from cloth_envs.material import FABRICS
 from cloth_envs.world import World
 from surrogates.superres.network import SuperResolution
-from training.metrics.contact import crossing_triangles
+from training.metrics.contact import crossing_triangles, inside
 from training.superres.generate import BACKEND
 
 SEQUENCE = {"name": "chen2020", "sequence": 10}
@@ -47,6 +47,16 @@ def test_the_cloth_is_the_networks_and_does_not_cross_itself() -> None:
     np.testing.assert_allclose(x.reshape(3, -1)[:, world.scene.pins], driven, atol=1e-6)
 
 
+def test_a_swung_skirt_crosses_neither_itself_nor_the_dancer() -> None:
+    """Where folds lie on the dancer, what is drawn out of a fold may be put outside the body into it again."""
+    world = World("Skirt", preset={"name": "chen2020", "sequence": 6}, backend="mfsr")
+    world.reset({0: np_random(1)[0]})
+    for frame in range(64):
+        world.step(np.full((1, 2), np.sign(np.sin(frame / 4 + 0.1))))
+        assert crossing_triangles(world.scene.grid, world.state.positions)[0] == 0, frame
+        assert inside(world.scene, world.state).count[0] == 0, frame
+
+
 def test_members_of_a_batch_are_alike_whatever_the_threads() -> None:
     one, many = begun(), begun(3, backend_kwargs={"threads": 2})
     for world in (one, many):
@@ -70,6 +80,7 @@ def test_a_saved_state_goes_on_bit_for_bit() -> None:
     ("scene", "options", "words"),
     [
         ("Draping", {}, "coarse cells of 62 mm, trained on 38 mm"),
+        ("Draping", {"resolution": (57, 209)}, "coarse cells of 71 x 19 mm, trained on 38 mm"),  # as large, other sides
         ("Draping", {"resolution": (108, 105)}, "108x105 is not 4 times as fine"),
         ("Flag", {"resolution": (65, 33)}, "no super-resolution of Flag"),
     ],
@@ -86,6 +97,20 @@ def test_another_material_is_told() -> None:
     world = World("Draping", preset=SEQUENCE, backend="mfsr", material=FABRICS["silk"])
     world.reset({0: np_random(0)[0]})
     assert world.surrogate[0].startswith("similar, mfsr: areal_density")
+
+
+def test_strict_refuses_other_materials_however_they_come() -> None:
+    """As the scene's, drawn at a reset, or with a state; what it has is told as elsewhere."""
+    strict: dict[str, Any] = {"preset": SEQUENCE, "backend": "mfsr", "backend_kwargs": {"strict": True}}
+    with pytest.raises(ValueError, match="strict=True: areal_density"):
+        World("Draping", material=FABRICS["silk"], **strict)
+    with pytest.raises(ValueError, match="strict=True: areal_density"):
+        World("Draping", randomize={"areal_density": (0.1, 0.6)}, **strict)
+    silk, world = begun(material=FABRICS["silk"]), World("Draping", **strict)
+    with pytest.raises(ValueError, match="strict=True: areal_density"):
+        world.set_state(silk.get_state())
+    world.reset({0: np_random(0)[0]})
+    assert world.surrogate[0] == ""
 
 
 @pytest.mark.parametrize(("scene", "sequence"), [("Draping", 10), ("Hitting", 33), ("Skirt", 5)])

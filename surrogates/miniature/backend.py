@@ -116,7 +116,7 @@ class MiniatureBackend(Upscaled):
         Raises:
             ValueError: says what to change.
         """
-        if self._strict and self._card is not None and (why := self._card.material_beyond(material)):
+        if self._strict and (why := self.beyond(material)):
             raise ValueError(f"strict=True: {why}: leave strict out, or narrow the material")
         super().check_material(material)
 
@@ -129,9 +129,13 @@ class MiniatureBackend(Upscaled):
         for i, material in zip(range(state.batch) if which is None else which, chosen, strict=True):
             self._told[i] = self.plain(material)
 
+    def beyond(self, material: Material) -> str:
+        """Why a fit does not hold for a cloth of ``material``; empty where it does, or where there is none."""
+        return self._why or (self._card.material_beyond(material) if self._card is not None else "")
+
     def plain(self, material: Material) -> str:
         """Why a cloth of ``material`` is plainer than usual or beyond its card; empty where it is neither."""
-        why = self._why or (self._card.material_beyond(material) if self._card is not None else "")
+        why = self.beyond(material)
         own = "similar" if self._usual and not self._why else self.scaling
         return f"{own}, {self.upscaler}: {why}" if why else ""
 

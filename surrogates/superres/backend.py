@@ -15,10 +15,10 @@ from cloth_envs.scene import Scene
 from surrogates.checkpoint import WEIGHTS, load
 from surrogates.miniature.backend import MiniatureBackend
 from surrogates.miniature.coarse import coarse_grid
-from surrogates.superres.features import SCALE, spacing
+from surrogates.superres.features import SCALE
 from surrogates.superres.network import divides, weights_name
 
-SPACING = 1.1  # times larger or smaller than in training that the coarse grid's may be
+SPACING = 1.1  # times larger or smaller than in training that a side of a coarse cell may be
 
 
 class MfsrBackend(MiniatureBackend):
@@ -53,15 +53,12 @@ class MfsrBackend(MiniatureBackend):
             raise ValueError(f"strict=True: {why}: leave strict out for interpolation, or use the reference")
         super().__init__(
             scene, num_envs=num_envs, factor=SCALE, scaling="similar", upscaler="bicubic" if self._lacks else "mfsr",
-            mend=False, guard=guard, threads=threads, solver=solver, solver_kwargs=solver_kwargs,
+            mend=False, guard=guard, threads=threads, solver=solver, solver_kwargs=solver_kwargs, strict=strict,
         )  # fmt: skip
 
-    def plain(self, material: Material) -> str:
+    def beyond(self, material: Material) -> str:
         """Why a cloth of ``material`` is interpolated or beyond what was trained; empty where it is neither."""
-        if self._lacks:
-            return f"similar, bicubic: {self._lacks}"
-        why = material_beyond(self._name, material)
-        return f"similar, mfsr: {why}" if why else ""
+        return self._lacks or material_beyond(self._name, material)
 
 
 def lacks(scene: Scene) -> str:
@@ -73,8 +70,11 @@ def lacks(scene: Scene) -> str:
     if not divides(coarse, scene.grid):
         return f"{scene.grid} is not {SCALE} times as fine as another grid"
     trained = load(name).card["factors"][str(SCALE)]["fitted on"]["spacing"]
-    if not 1 / SPACING < spacing(coarse) / trained < SPACING:
-        return f"coarse cells of {1e3 * spacing(coarse):.0f} mm, trained on {1e3 * trained:.0f} mm"
+    sides = coarse.row_spacing, coarse.col_spacing
+    if any(not 1 / SPACING < side / trained < SPACING for side in sides):
+        down, along = (f"{1e3 * side:.0f}" for side in sides)
+        told = down if down == along else f"{down} x {along}"
+        return f"coarse cells of {told} mm, trained on {1e3 * trained:.0f} mm"
     return ""
 
 

@@ -24,6 +24,8 @@ namespace {
 
 using Fields = In<float, 4>;
 
+constexpr int kSeparations = 6;  // of folds, each after which vertices are put outside bodies again, at most
+
 // Mends cloths of one grid, whose vertices `held` stay.
 struct Mend {
   Mend(const Mending& how_, const In<int, 1>& held_) : how(how_), held(held_.data(), held_.data() + held_.size()) {
@@ -115,7 +117,8 @@ class Fine {
       }
       const Held stay = {held_, [&](float* other) { put(other, there); }};
       const bool folds = sheet_.self_thickness > 0;
-      for (int round = 0; folds && round < 2 && separate(sheet_, stay, from, int(h), int(w), at, round > 0); ++round) {
+      for (int round = 0; folds && round < kSeparations && separate(sheet_, stay, from, int(h), int(w), at, round > 0);
+           ++round) {
         int again;
         float deepest;
         put(at, there), push_out(at, met, again, deepest);
