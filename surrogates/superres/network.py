@@ -3,7 +3,7 @@
 It has what made multi-feature super-resolution (Chen et al. 2020) work, displacements, normals and velocities as images
 and pairs of a coarse cloth and a fine one that follows it, in a form that pays on a processor: the convolutions run at
 coarse resolution, see the cloth in every vertex's own axes (``features``) and tell the residual to interpolation, 4 x 4
-fine vertices at a time. The published network takes four times as long as the fine cloth that it is to save.
+fine vertices at a time. The published network takes twice as long as the fine cloth that it is to save.
 """
 
 from collections.abc import Mapping, Sequence
