@@ -74,7 +74,7 @@ def lacks(scene: Scene) -> str:
     if any(not 1 / SPACING < side / trained < SPACING for side in sides):
         down, along = (f"{1e3 * side:.0f}" for side in sides)
         told = down if down == along else f"{down} x {along}"
-        return f"coarse cells of {told} mm, trained on {1e3 * trained:.0f} mm"
+        return f'coarse cells of {told} mm, trained on {1e3 * trained:.0f} mm, those of preset="chen2020"'
     return ""
 
 
