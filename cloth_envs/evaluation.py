@@ -38,6 +38,12 @@ class Played:
         """The share of episodes that failed."""
         return sum(why is not None for why in self.failures) / len(self.failures)
 
+    @property
+    def failed_at_most(self) -> float:
+        """What the share of failing episodes is surely below (95 %, Clopper and Pearson), however few were played."""
+        count = sum(why is not None for why in self.failures)
+        return float(stats.binomtest(count, len(self.failures), alternative="less").proportion_ci(0.95).high)
+
 
 def play(scene: str, policy: Policy, seeds: Sequence[int], *, frames: int | None = None, **options: Any) -> Played:
     """One episode of the scene's length, or of ``frames``, from each of ``seeds``; ``options`` are the world's.

@@ -52,14 +52,19 @@ def _compare(given: argparse.Namespace) -> str:
 
 
 def _evaluate(given: argparse.Namespace) -> str:
-    from cloth_envs.backend import parse_backend
+    from cloth_envs.backend import parse_backend, read_object
+    from cloth_envs.commands.entries import read_resolution
     from cloth_envs.commands.evaluate import evaluate
     from cloth_envs.places import check_backend_kwargs
 
-    options = {name: value for name, value in vars(given).items() if name not in ("run", "train_backend")}
-    physics = [parse_backend(text) for text in (given.train_backend, options.pop("certify"))]
+    options = _options(given) | {"preset": _named(given.preset, "--preset")}
+    physics = [parse_backend(options.pop(name)) for name in ("train_backend", "certify")]
     for name, own in physics:
         check_backend_kwargs(name, own, shell=True)
+    if given.resolution is not None:
+        options["resolution"] = read_resolution(given.resolution)
+    if given.randomize is not None:
+        options["randomize"] = read_object(given.randomize, "--randomize")
     return evaluate(**options, train=physics[0], certify=physics[1])
 
 

@@ -18,6 +18,8 @@ def evaluate(
 ) -> str:  # fmt: skip
     """The page as Markdown, which is also written to ``out``; ``beside`` are other policies, by commas.
 
+    ``options`` are those of the world that both have: ``obs``, ``material``, ``randomize`` and so on.
+
     Raises:
         ValueError, ImportError, OSError: a bad name or number, a package that is missing, a file that can't be written.
     """
@@ -56,7 +58,8 @@ def page(
         f"# {policy} in {scene}",
         "",
         f"Trained on {own}, certified on {true}: seeds {seeds[0]} to {seeds[-1]} on both, episodes of "
-        f"{frames or EPISODE_FRAMES[scene]} frames. Means over seeds, ± half of a 95 % interval.",
+        f"{frames or EPISODE_FRAMES[scene]} frames. Means over seeds, ± half of a 95 % interval; failed: in brackets "
+        "what their share is surely below (95 %).",
         "",
         "| policy | physics | reward a frame | last second | success at end | failed | change of action | at a bound |",
         "|---|---|---|---|---|---|---|---|",
@@ -73,7 +76,7 @@ def page(
 
 def _row(name: str, physics: str, played: Played) -> str:
     why = sorted({reason for reason in played.failures if reason})
-    failed = f"{played.failed:.0%}" + (f" ({', '.join(why)})" if why else "")
+    failed = ", ".join([f"{played.failed:.0%} (< {played.failed_at_most:.0%})", *why])
     earned, last = Interval.of(played.reward), Interval.of(played.last_second)
     more = f"{played.success.mean():.0%} | {failed} | {played.change.mean():.2f} | {played.saturated.mean():.0%}"
     return f"| {name} | {physics} | {earned} | {last} | {more} |"

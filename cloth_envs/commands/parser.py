@@ -115,6 +115,11 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> Pa
     sub.add_argument("--first-seed", type=_at_least(0), default=900_000, help="the first of them (default 900000)")
     sub.add_argument("--frames", type=_at_least(1), help="default: the scene's episode")
     sub.add_argument("--beside", default="controller", help="others to compare with, by commas (default controller)")
+    sub.add_argument("--obs", default="keypoints", help="what policies see: keypoints (default) or mesh")
+    sub.add_argument("--material", help="a fabric's name, or JSON such as '{\"areal_density\": 0.3}'")
+    sub.add_argument("--randomize", metavar="JSON", help="ranges of the material, such as '{\"drag\": [0.2, 0.8]}'")
+    sub.add_argument("--resolution", metavar="ROWSxCOLS", help="of the grid, at equal size and material")
+    sub.add_argument("--preset", help='a paper\'s set-up by name, or JSON: \'{"name": "lee2019", "mass": 3}\'')
     sub.add_argument("--out", metavar="OUT.md", help="the page as a file too")
 
     sub = command("bench", "Run a benchmark; without NAME they are listed.")
