@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from cloth_envs.files import cannot_write, check_folder, write_bytes
+from cloth_envs.files import cannot_write, write_bytes
+from cloth_envs.locks import alone_in
 from cloth_envs.parsing import Parser
 from cloth_envs.presets import load_preset, presets_of
 from cloth_envs.progress import announce, progress
@@ -150,7 +151,6 @@ def missing(plan: Plan, folder: Path, numbers: Sequence[int]) -> list[int]:
     text = json.dumps(asdict(plan))
     told = folder / "plan.json"
     if not told.is_file():
-        check_folder(folder)
         write_bytes(told, text.encode())
     elif told.read_text(encoding="utf-8") != text:
         raise ValueError(f"{folder} holds pairs of another plan: choose another --out, or remove it")
@@ -171,11 +171,13 @@ def generate(plan: Plan, folder: Path, numbers: Sequence[int], jobs: int = 1, ad
 
     Raises:
         ValueError: the folder holds pairs of another plan, or a simulation failed.
+        OSError: another program makes pairs there, or they can't be written.
         ImportError: an address, and no Ray.
     """
-    wanted = missing(plan, folder, numbers)
-    written = each(partial(write_sequence, plan, folder), wanted, jobs, address)
-    deque(progress(written, f"{plan.scene}, new sequences", len(wanted)), 0)
+    with alone_in(folder):
+        wanted = missing(plan, folder, numbers)
+        written = each(partial(write_sequence, plan, folder), wanted, jobs, address)
+        deque(progress(written, f"{plan.scene}, new sequences", len(wanted)), 0)
     return len(wanted)
 
 
