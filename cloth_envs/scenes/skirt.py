@@ -18,11 +18,10 @@ from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.measures import columns, tolerance
 from cloth_envs.scenes.starts import rotation, ruffle
 from cloth_envs.scenes.task import Episode, Start, Task, documented
+from cloth_envs.scenes.waistband import PLEATS, RISE, WAIST, waistband
 from cloth_envs.state import Controls
 
-PLEATS = 13
-WAIST, HIP = 0.15, 0.19  # m, mean radius of the waistband, and of the skirt from below the hips on
-RISE, FALL = 0.1, 0.12  # m, of the waistband above the pelvis, and from it down to where the skirt has its radius
+HIP, FALL = 0.19, 0.12  # m, mean radius of the skirt below the hips, and how far below the waistband it has that
 SETTLE, BLEND = 0.3, 1.3  # s, standing at first, then going over into the dance (the paper's 80 frames)
 SPIN, RISING = 6.0, 0.5  # rad/s and m/s at full action
 ACCELERATION = 20.0  # rad/s^2 and m/s^2
@@ -85,7 +84,7 @@ class Skirt(Task):
         self.drive = Drive(
             [-most for most in high], high, speed=(SPIN, RISING), acceleration=ACCELERATION, dt=self.frame_dt
         )
-        self.band = np.append(ruffle(scene.grid, PLEATS, WAIST), np.full((1, scene.grid.cols), RISE), 0).T.copy()
+        self.band = waistband(scene.grid)
         self.pieces, self.limbs, self.insets = self.motion.pieces, body.ENDS, body.INSETS
         self.stance, self.links, self.bones, self.up = upright(), chain(), BONES, np.array([0, 0, 1.0])
         self.watch(np.arange(scene.grid.vertices - scene.grid.cols, scene.grid.vertices))
