@@ -42,10 +42,9 @@ def check_waistband(motion: Motion, which: str) -> None:
     hits = np.flatnonzero(np.concatenate([[1], deep > 0, [1]])) - 1  # one before and one behind it all count as such
     longest = np.diff(hits).argmax()
     begin, frames = hits[longest] + 1, np.diff(hits)[longest] - 2
-    part = (
-        f"store a part of it that does not, such as the {frames / motion.fps:.1f} s from {begin / motion.fps:.2f} s on"
-    )
+    free = f"the {frames / motion.fps:.1f} s from {begin / motion.fps:.2f} s on"
+    part = f"store a part of it that does not, such as {free}, or " if frames > 0 else ""
     raise ValueError(
         f"{which} takes the {body.LIMBS[limbs[worst]].name} {1e3 * deep[worst]:.0f} mm into the waistband at "
-        f"{worst / motion.fps:.2f} s, which would tear the skirt: {f'{part}, or ' if frames > 0 else ''}choose another motion"
+        f"{worst / motion.fps:.2f} s, which would tear the skirt: {part}choose another motion"
     )
