@@ -51,13 +51,14 @@ def alone_in(folder: Path) -> Iterator[None]:
         return
     opened = os.open(folder, os.O_RDONLY)
     try:
-        try:
-            lock(opened)
-        except BlockingIOError as error:
-            raise WriteError(
-                f"another program writes into {folder}: let that end first, or choose another folder"
-            ) from error
+        lock(opened)
+    except BlockingIOError as error:
+        os.close(opened)
+        raise WriteError(
+            f"another program writes into {folder}: let that end first, or choose another folder"
+        ) from error
+    try:
         yield
-        unlock(opened)
     finally:
+        unlock(opened)
         os.close(opened)
