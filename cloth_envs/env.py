@@ -56,7 +56,7 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
 
     def __init__(self, scene: str, *, render_mode: str | None = None, show_goal: bool = True, **options: Any) -> None:
         options = plain_words(options)
-        check_options(options, World, type(self))
+        check_options(options, scene, World, type(self))
         if render_mode is not None:
             one_of("render_mode", render_mode, self.metadata["render_modes"])
         self.show_goal = true_or_false("show_goal", show_goal)

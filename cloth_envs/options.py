@@ -7,6 +7,7 @@ from cloth_envs import material
 from cloth_envs.backend import keywords
 from cloth_envs.naming import unknown_name
 from cloth_envs.places import ELSEWHERE, as_arguments, find_home
+from cloth_envs.presets import preset_with
 
 # What other packages call it.
 MEANT = {
@@ -23,8 +24,8 @@ MEANT = {
 }
 
 
-def check_options(given: Mapping[str, Any], *takers: Callable[..., Any]) -> None:
-    """Refuse the first keyword of ``given`` that none of ``takers`` names.
+def check_options(given: Mapping[str, Any], scene: object, *takers: Callable[..., Any]) -> None:
+    """Refuse the first keyword of ``given``, for an environment of ``scene``, that none of ``takers`` names.
 
     Raises:
         ValueError: says where it belongs, or names the choices and the nearest match.
@@ -44,7 +45,12 @@ def check_options(given: Mapping[str, Any], *takers: Callable[..., Any]) -> None
             raise ValueError(
                 f"unknown keyword {name!r}; it belongs to the physics: write {as_arguments(*home, chosen)}"
             )
-        if name in material.PROPERTIES or name in material.MEANT:
+        preset = given.get("preset")
+        whole = preset_with(scene, preset, name, value)
+        of_material = name in material.PROPERTIES or name in material.MEANT
+        if whole is not None and not (of_material and preset is None):
+            raise ValueError(f"unknown keyword {name!r}; it belongs to the preset: write preset={whole!r}")
+        if of_material:
             write = {material.MEANT.get(name, name): value}
             raise ValueError(f"unknown keyword {name!r}; it belongs to the material: write material={write!r}")
         raise unknown_name("keyword", name, choices, meant=MEANT.get(name))

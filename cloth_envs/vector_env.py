@@ -79,7 +79,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             one_of("render_mode", render_mode, ["rgb_array"])
         self.show_goal = true_or_false("show_goal", show_goal)
         options = plain_words(options)
-        check_options(options, World, type(self))
+        check_options(options, scene, World, type(self))
         num_envs = whole_number("num_envs", num_envs)
         name = autoreset_mode.value if isinstance(autoreset_mode, AutoresetMode) else autoreset_mode
         self.autoreset_mode = _MODES[one_of("autoreset_mode", name, _MODES)]

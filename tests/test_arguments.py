@@ -23,6 +23,10 @@ def one(**options: Any) -> gym.Env[Any, Any]:
     return gym.make(ID, **SMALL | options)
 
 
+def skirt(**options: Any) -> gym.Env[Any, Any]:
+    return gym.make("MiniCloth-Skirt-v0", **{"resolution": (25, 52), **options})
+
+
 def many(**options: Any) -> gym.vector.VectorEnv[Any, Any, Any]:
     return gym.make_vec(ID, **{"num_envs": MEMBERS, **SMALL, **options})
 
@@ -55,6 +59,21 @@ MISTAKES: dict[str, tuple[Callable[[], object], list[str]]] = {
     "seed": (lambda: one(seed=1), ["env.reset(seed=1)"]),
     "render": (lambda: one(render=True), ["mean 'render_mode'"]),
     "rendermode": (lambda: one(rendermode="rgb_array"), ["mean 'render_mode'"]),
+    "tempo of a preset": (lambda: skirt(tempo=0.5), ["write preset={'name': 'chen2020', 'tempo': 0.5}"]),
+    "motion of a preset": (
+        lambda: skirt(motion="m.h5:dance", preset={"name": "chen2020", "tempo": 0.5}),
+        ["write preset={'name': 'chen2020', 'tempo': 0.5, 'motion': 'm.h5:dance'}"],
+    ),
+    "sequence of a preset": (
+        lambda: skirt(sequence=3, preset="chen2020"),
+        ["write preset={'name': 'chen2020', 'sequence': 3}"],
+    ),
+    "mass of a preset": (
+        lambda: one(mass=3.0, preset="lee2019"),
+        ["write preset={'name': 'lee2019', 'mass': 3.0}"],
+    ),
+    "mass": (lambda: one(mass=0.3), ["write material={'areal_density': 0.3}"]),
+    "tempo of no preset": (lambda: skirt(tempo=0.5, preset="lee2019"), ["unknown keyword 'tempo'"]),
     "nothing like it": (lambda: one(xyz=1), ["'xyz'", "'backend'", "'material'", "'render_mode'"]),
     "frame_dt": (lambda: one(frame_dt=0.01), ["belongs to the scene: leave it out"]),
     "substeps of a miniature": (

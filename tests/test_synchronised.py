@@ -13,6 +13,7 @@ from gymnasium.utils.seeding import np_random
 
 from cloth_envs.commands.cli import main
 from cloth_envs.grid import Grid
+from cloth_envs.locks import alone_in
 from cloth_envs.material import Material
 from cloth_envs.physics.explicit.solver import ExplicitSolver
 from cloth_envs.physics.laws.tracking import mean_forces, shared_forces
@@ -259,6 +260,18 @@ def test_the_stored_floor_is_below_the_detail(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr("training.bench.synchronised.rows.DATA", Path("nowhere.csv"))
     with pytest.raises(FileNotFoundError, match="minicloth bench synchronised"):
         floor("Draping")
+
+
+def test_a_folder_is_one_programs_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    argv = ["generate", "Flag", "--pairs", "synchronised", "--sequences=1", "--frames=1", f"--out={tmp_path}"]
+    with alone_in(tmp_path):
+        with pytest.raises(OSError, match="another program writes into"):
+            generate(Plan("Draping", 1), tmp_path, [0])
+        assert main(argv) == 2
+        assert "choose another folder" in capsys.readouterr().err
+        assert list(tmp_path.iterdir()) == []
+    with pytest.raises(SystemExit, match="0"):
+        main(argv)
 
 
 def test_a_ray_cluster_makes_the_same(tmp_path: Path) -> None:

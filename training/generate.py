@@ -20,8 +20,9 @@ from typing import Any
 import h5py
 import numpy as np
 
-from cloth_envs.files import check_folder, reading, write_bytes
+from cloth_envs.files import reading, write_bytes
 from cloth_envs.grid import Grid
+from cloth_envs.locks import alone_in
 from cloth_envs.parsing import Parser
 from cloth_envs.presets import load_preset, solver_of
 from cloth_envs.progress import announce, progress
@@ -182,14 +183,15 @@ def generate(plan: Plan, folder: Path, count: int, workers: int = 1) -> int:
 
     Raises:
         ValueError: the folder holds data of another plan, or the teacher failed.
+        OSError: another program makes data there, or they can't be written.
     """
-    check_folder(folder)
-    wanted = missing(plan, folder, count)
-    for path in (folder / f"{k:05d}.h5" for k in wanted):
-        if path.exists():
-            announce(f"{path} is damaged: it is made again")
-    written = each(partial(write_shard, plan, folder), wanted, workers)
-    deque(progress(written, f"{plan.scene}, new trajectories", len(wanted)), 0)
+    with alone_in(folder):
+        wanted = missing(plan, folder, count)
+        for path in (folder / f"{k:05d}.h5" for k in wanted):
+            if path.exists():
+                announce(f"{path} is damaged: it is made again")
+        written = each(partial(write_shard, plan, folder), wanted, workers)
+        deque(progress(written, f"{plan.scene}, new trajectories", len(wanted)), 0)
     return len(wanted)
 
 

@@ -59,3 +59,13 @@ def load_preset(scene: str, preset: str | Mapping[str, Any]) -> type[Task]:
 def presets_of(scene: str) -> list[str]:
     """Names of the presets that a scene has."""
     return [name for name, scenes in PRESETS.items() if scene in scenes]
+
+
+def preset_with(scene: object, chosen: object, option: str, value: object) -> dict[str, Any] | None:
+    """``chosen``, or the first of a scene's presets where that is None, with one more option; None if none takes it."""
+    given = dict(chosen) if isinstance(chosen, Mapping) else {} if chosen is None else {"name": chosen}
+    own = presets_of(scene) if isinstance(scene, str) else []
+    for name in own if chosen is None else [name for name in own if name == given.get("name")]:
+        if option in resolve(PRESETS[name][str(scene)]).options:
+            return {**given, "name": name, option: value}
+    return None

@@ -25,6 +25,7 @@ from cloth_envs.scenes.hitting import CLIPS, HUNG, Hitting
 from cloth_envs.scenes.skirt import Skirt
 from cloth_envs.scenes.starts import either, pleats
 from cloth_envs.scenes.task import Start, Task
+from cloth_envs.scenes.waistband import check_waistband
 
 RESOLUTION = (109, 105)
 COARSE_COLUMNS = 27  # one of the coarse cloth's topmost vertices is held, which the fine one has too
@@ -179,7 +180,8 @@ class Skirt2020(Skirt):
         """The task with another tempo or motion, or of one ``sequence``.
 
         Raises:
-            ValueError: a tempo that is not positive, a motion that is no ``FILE:NAME`` or not there, or no sequence.
+            ValueError: a tempo that is not positive, a motion that is no ``FILE:NAME``, not there or takes a limb into
+                the waistband, or no sequence.
         """
         chosen = {**cls.options, **options}
         if not chosen["tempo"] > 0:
@@ -199,6 +201,7 @@ class Skirt2020(Skirt):
                     f"preset 'chen2020' needs a file and a name as motion, such as 'motions.h5:dance', got "
                     f"{chosen['motion']!r}: {error}"
                 ) from error
+            check_waistband(motion, f"motion {name!r} in {path}")
         made = {"options": chosen, "motion": motion, "tempo": chosen["tempo"], "__doc__": cls.__doc__}
         return type(cls.__name__, (cls,), made | {"sequence": int(chosen["sequence"])})
 

@@ -12,11 +12,11 @@ import errno
 import io
 import os
 import struct
-import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from cloth_envs.locks import lock, unlock
 from cloth_envs.recording.pages import PAGE, Change, Trailer, by_page, checksum, overlay, pages
 
 _COUNT = struct.Struct("<q")
@@ -173,31 +173,3 @@ class Image(io.RawIOBase):
 def _same(file: Any, path: Path) -> bool:
     """Whether ``path`` still is the open ``file``."""
     return path.exists() and os.path.samestat(os.fstat(file.fileno()), path.stat())
-
-
-def lock(file: Any) -> None:
-    """Keep other writers off an open file until it is unlocked or closed, where the system has such locks.
-
-    Raises:
-        BlockingIOError: another program has it.
-    """
-    if sys.platform == "win32":
-        return
-    import fcntl
-
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        raise BlockingIOError(error.errno, "another program has it open") from error
-    except OSError:
-        return  # a file system without locks
-
-
-def unlock(file: Any) -> None:
-    """Let others write, also where a fork of this process has the same file open."""
-    if sys.platform == "win32":
-        return
-    import fcntl
-
-    with suppress(OSError):  # a file system without locks, or a disk that is gone
-        fcntl.flock(file, fcntl.LOCK_UN)

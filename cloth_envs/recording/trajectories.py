@@ -12,8 +12,9 @@ import h5py
 import numpy as np
 
 from cloth_envs.files import cannot_write, final_path
+from cloth_envs.locks import lock
 from cloth_envs.material import PROPERTIES, Material
-from cloth_envs.recording.image import Image, lock
+from cloth_envs.recording.image import Image
 from cloth_envs.recording.layout import CLOTH, PATHS, RESET, SEEDED, lay_out
 from cloth_envs.scene import Scene
 

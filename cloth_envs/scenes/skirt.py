@@ -7,7 +7,8 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from cloth_envs.figure import body
-from cloth_envs.figure.dance import dance, stand
+from cloth_envs.figure.dance import dance
+from cloth_envs.figure.entry import BONES, chain, enter, gathered, heading, level_angle, upright
 from cloth_envs.figure.motion import Motion
 from cloth_envs.grid import Grid
 from cloth_envs.marks import Mark, ring
@@ -17,11 +18,10 @@ from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.measures import columns, tolerance
 from cloth_envs.scenes.starts import rotation, ruffle
 from cloth_envs.scenes.task import Episode, Start, Task, documented
+from cloth_envs.scenes.waistband import PLEATS, RISE, WAIST, waistband
 from cloth_envs.state import Controls
 
-PLEATS = 13
-WAIST, HIP = 0.15, 0.19  # m, mean radius of the waistband, and of the skirt from below the hips on
-RISE, FALL = 0.1, 0.12  # m, of the waistband above the pelvis, and from it down to where the skirt has its radius
+HIP, FALL = 0.19, 0.12  # m, mean radius of the skirt below the hips, and how far below the waistband it has that
 SETTLE, BLEND = 0.3, 1.3  # s, standing at first, then going over into the dance (the paper's 80 frames)
 SPIN, RISING = 6.0, 0.5  # rad/s and m/s at full action
 ACCELERATION = 20.0  # rad/s^2 and m/s^2
@@ -84,14 +84,9 @@ class Skirt(Task):
         self.drive = Drive(
             [-most for most in high], high, speed=(SPIN, RISING), acceleration=ACCELERATION, dt=self.frame_dt
         )
-        self.band = np.append(ruffle(scene.grid, PLEATS, WAIST), np.full((1, scene.grid.cols), RISE), 0).T.copy()
-        self.standing = stand() - stand()[:, PELVIS]
-        self.pieces, self.limbs, self.insets, self.up = (
-            self.motion.pieces,
-            body.ENDS,
-            body.INSETS,
-            np.array([0, 0, 1.0]),
-        )
+        self.band = waistband(scene.grid)
+        self.pieces, self.limbs, self.insets = self.motion.pieces, body.ENDS, body.INSETS
+        self.stance, self.links, self.bones, self.up = upright(), chain(), BONES, np.array([0, 0, 1.0])
         self.watch(np.arange(scene.grid.vertices - scene.grid.cols, scene.grid.vertices))
 
     @classmethod
@@ -106,13 +101,10 @@ class Skirt(Task):
 
     def joints(self, time: np.ndarray, begin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Positions [m] and velocities [m/s] ``(B, J, 3)`` at ``time`` of dances from ``begin`` on, ``(B,)`` [s]."""
-        danced, speed = self.motion.at(begin + self.tempo * (time - SETTLE).clip(0.0), self.pieces)
-        first, _ = self.motion.at(begin, self.pieces)
-        standing = array_namespace(time).broadcast_to(self.standing, first.shape)
-        upright = _turned(standing, _heading(first)) + first[:, PELVIS]
-        at = ((time - SETTLE) / BLEND).clip(0.0, 1.0)[:, None, None]
-        share, rate = at**3 * (10 - 15 * at + 6 * at * at), 30 * (at * (1 - at)) ** 2 / BLEND
-        return upright + share * (danced - upright), share * self.tempo * speed + rate * (danced - upright)
+        share, rate, gone = gathered((time - SETTLE) / BLEND)
+        danced, speed = self.motion.at(begin + self.tempo * BLEND * gone, self.pieces)
+        pace = (self.tempo * share)[:, None, None]  # the dance gathers speed as the dancer goes over into it
+        return enter(danced, pace * speed, share, rate / BLEND, self.stance, self.links, self.bones)
 
     def posed(self, joints: np.ndarray, turn: np.ndarray, height: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The waistband ``(B, W, 3)`` and the capsules ``(B, C, 2, 3)`` [m] of dancers who are turned and raised."""
@@ -124,9 +116,9 @@ class Skirt(Task):
     def start(self, rng: np.random.Generator) -> Start:
         begin = np.array([self.begin(rng)])
         turn = rng.uniform(-np.pi, np.pi, 1)
-        joints, _ = self.joints(np.zeros(1), begin)
+        joints, speeds = self.joints(np.zeros(1), begin)
         hung = self.hung().reshape(1, 3, -1).transpose(0, 2, 1)
-        positions = _turned(hung, turn + _heading(joints)) + joints[:, PELVIS]
+        positions = _turned(hung, turn + heading(joints, speeds)[0]) + joints[:, PELVIS]
         positions = positions[0].T.reshape(3, *self.scene.grid.shape)
         _, bodies = self.posed(joints, turn, np.zeros(1))
         memory = {"begin": begin[0], "target": np.array(rng.uniform(*TARGET))}
@@ -152,7 +144,7 @@ class Skirt(Task):
         state, xp = episode.state, array_namespace(episode.action)
         hips = [xp.astype(field[:, 0], xp.float64) for field in (state.colliders, state.collider_velocities)]
         danced = [xp.stack([field[:, i] for i in body.HIPS], axis=1) for field in self._danced(episode, 0.0)]
-        (angle, rate), (own, own_rate) = (_angle(*(at[:, 1] - at[:, 0] for at in pair)) for pair in (hips, danced))
+        (angle, rate), (own, own_rate) = (level_angle(*(at[:, 1] - at[:, 0] for at in pair)) for pair in (hips, danced))
         height, rising = ((mine - theirs)[:, :, 2].mean(1) for mine, theirs in zip(hips, danced, strict=True))
         return angle - own, rate - own_rate, height, rising
 
@@ -167,14 +159,15 @@ class Skirt(Task):
         moved, speeds = self.drive(place, pace, episode.action)
         turn, height, rate, rising = turn + moved[:, 0], height + moved[:, 1], speeds[:, 0], speeds[:, 1]
         joints, speed = self._danced(episode, self.frame_dt)
-        before, now, after = (
-            self.posed(joints + ahead * speed, turn + ahead * rate, height + ahead * rising)
-            for ahead in (-SHORT, 0.0, SHORT)
-        )
+        moments = [
+            (joints + ahead * speed, turn + ahead * rate, height + ahead * rising) for ahead in (-SHORT, 0.0, SHORT)
+        ]
+        posed = self.posed(*(xp.concat(part, axis=0) for part in zip(*moments, strict=True)))
+        bands, bodies = (part.reshape(3, -1, *part.shape[1:]) for part in posed)
         controls = self.hold(episode)
-        controls.handle_positions, controls.colliders = now
+        controls.handle_positions, controls.colliders = bands[1], bodies[1]
         controls.handle_velocities, controls.collider_velocities = (
-            (b - a) / (2 * SHORT) for a, b in zip(before, after, strict=True)
+            (part[2] - part[0]) / (2 * SHORT) for part in (bands, bodies)
         )
         return controls
 
@@ -205,15 +198,3 @@ class Skirt(Task):
 def _turned(points: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """Points ``(B, N, 3)`` turned about the vertical by ``angle`` ``(B,)`` [rad]."""
     return points @ rotation(-angle, 0, 1)
-
-
-def _heading(joints: np.ndarray) -> np.ndarray:
-    """The angle from x to where the hips of ``joints`` ``(B, J, 3)`` face, ``(B,)`` [rad]."""
-    forward = body.hips_frame(joints)[:, 0]
-    return array_namespace(joints).atan2(forward[:, 1], forward[:, 0])
-
-
-def _angle(line: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The angle from x to level lines ``(B, 3)`` [rad], and the rate at which it grows as they change by ``speed``."""
-    x, y = line[:, 0], line[:, 1]
-    return array_namespace(line).atan2(y, x), (x * speed[:, 1] - y * speed[:, 0]) / (x * x + y * y + 1e-12)
