@@ -112,6 +112,8 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
     def set_positions(self, positions: np.ndarray, velocities: np.ndarray | None = None) -> None:
         """Place the cloth: ``(3, H, W)`` [m] and [m/s] (default at rest). Goals, bodies and time stay.
 
+        It should be outside of bodies, or a centimetre inside at most: what is deeper is flung out.
+
         Raises:
             ValueError: wrong shape or values that are not finite; the state is unchanged.
         """

@@ -26,7 +26,7 @@ MOMENTS = {
     "BallDrop": (2, 60, True),
     "Draping": (3, 16, False),
     "Hitting": (2, 12, True),
-    "Skirt": (2, 200, True),
+    "Skirt": (2, 380, True),
 }
 
 

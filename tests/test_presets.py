@@ -12,6 +12,7 @@ from gymnasium.utils.env_checker import check_env
 
 import cloth_envs
 from cloth_envs.commands import cli
+from cloth_envs.figure.entry import heading
 from cloth_envs.material import Material
 from cloth_envs.physics.admm.solver import AdmmSolver
 from cloth_envs.physics.explicit.solver import ExplicitSolver
@@ -23,6 +24,7 @@ from cloth_envs.registry import PRESETS
 from cloth_envs.rendering import framing
 from cloth_envs.scene import Air
 from cloth_envs.scenes import skirt
+from cloth_envs.scenes.starts import rotation
 from cloth_envs.world import World
 from surrogates.miniature.coarse import coarse_grid
 
@@ -265,6 +267,23 @@ def test_training_never_sees_the_end_of_the_dance_that_tests_are_of() -> None:
     assert len(set(spans)) == 7
     assert max(end for _, end in spans[:5]) <= min(begin for begin, _ in spans[5:]) + 1e-9
     assert max(end for _, end in spans) <= task.motion.duration + 1e-9
+
+
+def test_test_dances_are_as_unlike_those_of_training_as_these_are_to_each_other() -> None:
+    """Poses and velocities up to a turn about the vertical, the dance at its own pace."""
+    moves = []
+    for sequence in range(7):
+        task: Any = World("Skirt", preset={"name": "chen2020", "sequence": sequence}, resolution=(25, 52)).task
+        times = np.arange(81, 801, 8) * task.frame_dt
+        joints, speeds = task.joints(times, np.full(len(times), task.begin(np.random.default_rng(0))))
+        turn = rotation(heading(joints, speeds)[0], 0, 1)
+        posed = np.stack([joints - joints[:, :1] * [1, 1, 0], speeds / task.tempo / np.pi]) @ turn  # a step is pi rad/s
+        moves.append(np.moveaxis(posed, 0, 1).reshape(len(times), -1))
+    apart = [
+        np.mean([np.linalg.norm(x - np.concatenate(moves[:n] + moves[n + 1 : 5]), axis=1).min() for x in moves[n]])
+        for n in range(7)
+    ]
+    assert min(apart[5:]) > 0.8 * np.mean(apart[:5])
 
 
 def test_the_sphere_of_chen2020_crosses_back_and_forth() -> None:

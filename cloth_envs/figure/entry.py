@@ -85,8 +85,8 @@ def level_angle(line: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray, np.nda
 def _direction(lines: np.ndarray, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Directions and lengths of lines ``(B, N, 3)``, each with its rate: direction, rate, length, rate."""
     xp = array_namespace(lines)
-    length = xp.sqrt((lines * lines).sum(2))[:, :, None]
+    length = xp.sqrt(xp.linalg.vecdot(lines, lines))[:, :, None]
     over = 1.0 / (length + (length == 0.0))
     along = over * lines
-    growth = (along * changes).sum(2)[:, :, None]
+    growth = xp.linalg.vecdot(along, changes)[:, :, None]
     return along, over * (changes - growth * along), length, growth

@@ -162,6 +162,7 @@ class Skirt2020(Skirt):
     ## Arguments
     `preset="chen2020"`, or `preset={"name": "chen2020", "tempo": 0.5, "motion": "motions.h5:dance"}`: how fast the
     dance is (0.125), and a recorded one by file and name in place of the built-in one; see `cloth_envs.figure.motion`.
+    One that takes a limb into the waistband is refused.
     `"sequence"` 0 to 6 begin at a place of the dance of their own, 0 to 4 for training in its first five sevenths, 5
     and 6 for testing in the rest, which 800 frames do not leave (-1, the default: at a random one). `resolution=(25,
     52)` is the coarse skirt.

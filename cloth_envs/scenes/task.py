@@ -42,6 +42,8 @@ TOLD = frozenset(
 class Start:
     """How an episode begins: ``positions`` and ``velocities`` ``(3, H, W)``, ``colliders`` ``(C, 2, 3)``.
 
+    Bodies are outside the cloth, or a centimetre inside at most: cloth that is deeper in them is flung out.
+
     ``memory`` holds what the task must remember (goals, gust phases); one array a name. Of a batch all have one more
     axis, the first.
     """
