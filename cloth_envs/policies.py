@@ -109,7 +109,7 @@ def hitting(obs: np.ndarray) -> np.ndarray:
 def skirt(obs: np.ndarray) -> np.ndarray:
     """Turn the faster the wider the hem should be, and faster still while it is not; stay at the dance's height."""
     hem, target = obs[..., -2], obs[..., -1]
-    turning = 24 * (target - 0.205) + 10 * (target - hem)
+    turning = 24 * (target - 0.212) + 10 * (target - hem)
     return np.stack([turning, -5 * obs[..., -4]], -1)
 
 
