@@ -253,7 +253,7 @@ def test_labels_keep_their_distance() -> None:
         (["compare", "Flag", "--backend", "reference@33"], "ROWSxCOLS"),
         (["bench", "troughput"], "Did you mean 'throughput'?"),
         (["rollout", "MiniCloth-Flag-v0"], "Did you mean 'Flag'?"),
-        (["compare", "MiniCloth-Flag-v1"], "Did you mean 'Flag'?"),
+        (["compare", "MiniCloth-Flag-v1"], "Did you mean 'Flag-v1'?"),
         (["generate", "MiniCloth-Flag-v0"], "Did you mean 'Flag'?"),
         (["list", "--scene", "MiniCloth-Flag-v0"], "Did you mean 'Flag'?"),
         (["rollout", "Flag", "--backend", 'reference={"sovler": "admm"}'], "Did you mean 'solver'?"),
