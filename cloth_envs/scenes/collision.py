@@ -1,6 +1,7 @@
 """Collision: a ball presses a hanging cloth into a target shape."""
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -25,6 +26,7 @@ GOAL_LOW, GOAL_HIGH = (-0.15, 0.0, -0.9), (0.15, 0.3, -0.5)  # m
 WAVES = 4  # half waves across the width
 HUNG = 0.95  # distance of the hung corners over the cloth's width
 SHAPE_MARGIN = 0.2  # m
+BALL = ("ball x", "ball y", "ball z", "ball vx", "ball vy", "ball vz")
 FREE_STRAIN, STRAIN_MARGIN = 0.03, 0.05  # the overstretch that costs nothing, and that leaves a tenth
 
 
@@ -61,13 +63,13 @@ class Collision(Task):
     frame_dt = 0.02
     actions = ("ball velocity x", "ball velocity y", "ball velocity z")
     lattice = (5, 4)
-    extras = (
-        *("ball x", "ball y", "ball z", "ball vx", "ball vy", "ball vz"),
-        *("goal x", "goal y", "goal z"),
-    )
+    extras = (*BALL, "goal x", "goal y", "goal z")
     extras_bound = 20.0
     parts = ("shape", "unstretched")
     away = "the shape error [m]"
+    ways = tuple(f"{row}, {col} short of y" for row in range(1, 5) for col in range(4))
+    revision: ClassVar[Mapping[str, Any]] = {"extras": BALL}
+    margin: ClassVar[float] = SHAPE_MARGIN
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -76,7 +78,7 @@ class Collision(Task):
         self.across = (cols * scene.grid.col_spacing - 0.5 * scene.grid.width)[1:].ravel()
         columns = self.lattice[1]
         self.above, self.shaped = self.keypoints[:-columns].copy(), self.keypoints[columns:].copy()
-        self.shape_margin = SHAPE_MARGIN * len(self.shaped) ** 0.5  # of the length of all errors, not of their rms
+        self.shape_margin = self.margin * len(self.shaped) ** 0.5  # of the length of all errors, not of their rms
         rows_apart = np.maximum(np.diff(rows, axis=0), 1)  # a coarse grid has less rows than the lattice
         self.apart = rows_apart.ravel() * scene.grid.row_spacing
         self.free_strain = FREE_STRAIN
@@ -119,7 +121,15 @@ class Collision(Task):
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
-        return columns(state.colliders[:, 0, 0], state.collider_velocities[:, 0, 0], episode.memory["goal"])
+        ball = state.colliders[:, 0, 0], state.collider_velocities[:, 0, 0]
+        return columns(*ball) if self.version else columns(*ball, episode.memory["goal"])
+
+    def short(self, episode: Episode) -> np.ndarray:
+        """By how much the keypoints below the first row are short of their target y, ``(B, n)`` [m]."""
+        return episode.memory["shape"] - episode.cloth[:, 1, self.shaped]
+
+    def way(self, episode: Episode) -> np.ndarray:
+        return columns(self.short(episode))
 
     def shape(self, goal: np.ndarray) -> np.ndarray:
         """Target y of the keypoints below the first row, ``(B, n)`` [m], for ball centres ``goal`` ``(B, 3)``.

@@ -66,6 +66,7 @@ class Curtain(Task):
     extras_bound = 20.0
     parts = ("cover", "calm")
     away = "of the covered fraction from the target"
+    ways = ("uncovered", "swing")
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -131,6 +132,9 @@ class Curtain(Task):
         state = episode.state
         corner, velocity = state.positions[:, :2, 0, -1], state.velocities[:, :2, 0, -1]
         return columns(corner, velocity, self.covered(episode), episode.memory["target"])
+
+    def way(self, episode: Episode) -> np.ndarray:
+        return columns(episode.memory["target"] - self.covered(episode), self.speed(episode, 1, 2))
 
     def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         off = self.covered(episode) - episode.memory["target"]

@@ -1,7 +1,8 @@
 """Hanging: a cloth held by one corner is carried to a place and brought to rest."""
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -27,6 +28,7 @@ WRAP = (0.6, 0.85)  # of a full turn, how far the starting cone closes
 EDGE_TURN = 1.4  # of the cone's sine times the cells along a side: edges of few cells would be chords of a narrow one
 SWING = 1.0  # rad/s, largest starting rate of swinging
 PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
+FAR_MARGIN, NEAR_MARGIN, REST_MARGIN = 1.0, 0.25, 0.5  # m, m, m/s, of version 1
 NEAR = within(PLACE_MARGIN)  # m, distance of the goal that is near enough
 
 
@@ -71,6 +73,8 @@ class Hanging(Task):
     extras_bound = 50.0
     parts = ("place", "calm")
     away = "of the middle from the goal [m]"
+    ways = ("to goal x", "to goal y", "to goal z", "speed")
+    revision: ClassVar[Mapping[str, Any]] = {"parts": ("approach", "calm")}
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -134,6 +138,12 @@ class Hanging(Task):
         middle = self.middle(episode), self.middle_velocity(episode)
         return columns(corner, velocity, *middle, episode.memory["goal"], state.pressure)
 
+    def way(self, episode: Episode) -> np.ndarray:
+        return columns(episode.memory["goal"] - self.middle(episode), self.speed(episode))
+
     def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
-        off = self.middle(episode) - episode.memory["goal"]
-        return length(off), tolerance(off, PLACE_MARGIN), tolerance(self.speed(episode), CALM_MARGIN, 0.25)
+        off, speed = self.middle(episode) - episode.memory["goal"], self.speed(episode)
+        if not self.version:
+            return length(off), tolerance(off, PLACE_MARGIN), tolerance(speed, CALM_MARGIN, 0.25)
+        approach = 0.5 * (tolerance(off, FAR_MARGIN) + tolerance(off, NEAR_MARGIN))
+        return length(off), approach, tolerance(speed, REST_MARGIN, 0.5)
