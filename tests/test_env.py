@@ -18,7 +18,7 @@ import cloth_envs
 from cloth_envs.env import ClothEnv
 from cloth_envs.scenes.task import Task
 
-SCENES = list(cloth_envs.SCENES)
+SCENES = list(cloth_envs.EPISODE_FRAMES)
 SMALL = {"resolution": (13, 9)}
 
 

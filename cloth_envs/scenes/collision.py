@@ -56,6 +56,10 @@ class Collision(Task):
     ## What Is Modelled
     Springs, damping, bending, gravity, still air, contact and friction with the ball. No self-contact, and no need of
     it: none of the cloth's triangles cross. The ball slides, it doesn't roll, and doesn't feel the cloth.
+
+    ## Version 1
+    The goal of the ball is not told. Before the extras there is by how much each keypoint below the first row is short
+    of its target y: the cloth tells what is to be done.
     """
 
     size = (1.5, 1.0)

@@ -55,6 +55,9 @@ class Curtain(Task):
     ## What Is Modelled
     Springs, damping, bending, gravity, still air, rings, contact and friction of pleats with each other. No
     friction of rings on the rail.
+
+    ## Version 1
+    Before the extras also the fraction that is still to be covered, and the swing.
     """
 
     size = (1.5, 1.0)

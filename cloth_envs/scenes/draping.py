@@ -52,6 +52,9 @@ class Draping(Task):
 
     ## What Is Modelled
     Springs, damping, bending, gravity, still air, contact and friction of the cloth with itself.
+
+    ## Version 1
+    Before the extras also the way from the middle to the goal, and the speed.
     """
 
     size = (1.0, 1.0)

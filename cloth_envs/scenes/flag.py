@@ -51,6 +51,10 @@ class Flag(Task):
     ## What Is Modelled
     Springs, damping, bending, gravity, wind with lift on cells, the pole, contact and friction of the flag
     with itself.
+
+    ## Version 1
+    Before the extras also the part of the area that is shown, signed by the side, and the pole's place, its velocity
+    and the wind as parts towards the onlooker and to his left.
     """
 
     size = (1.0, 1.5)

@@ -58,6 +58,11 @@ class Hanging(Task):
     ## What Is Modelled
     Springs, damping, bending, gravity, still air, the breeze as a small pressure along the normals, contact
     and friction of the cloth with itself.
+
+    ## Version 1
+    Before the extras also the way from the middle to the goal, and the speed. The reward is `approach * (1 +
+    tolerance(speed, 0.5 m/s)) / 2`; approach is the mean of `tolerance(distance, 1 m)`, which is felt from everywhere,
+    and `tolerance(distance, 0.25 m)`.
     """
 
     size = (1.0, 1.0)

@@ -53,6 +53,9 @@ class Hitting(Task):
     ## What Is Modelled
     Springs, damping, bending, gravity, still air, contact and friction with the ball and of the cloth with itself. The
     ball slides, it doesn't roll, and doesn't feel the cloth.
+
+    ## Version 1
+    Before the extras also the ways from the vertex to the target, and from the ball to the vertex.
     """
 
     size = (1.0, 1.0)

@@ -60,6 +60,9 @@ class Skirt(Task):
     ## What Is Modelled
     Springs, damping, bending, gravity, still air, contact and friction with the body, whose waist, chest and thighs
     spin about their axes as the dancer twists, and of the cloth with itself. The body doesn't feel the cloth.
+
+    ## Version 1
+    Before the extras also by how much the hem's radius is short of the target. A success is within 1 cm, not 5 mm.
     """
 
     size = (0.75, 1.6)

@@ -327,12 +327,16 @@ Truncated after {n} frames ({n * task.frame_dt:g} s). Terminated when the simula
 
 ## Info
 On every step: {told}, whose product is the reward; `distance`, {task.away}; `success`,
-whether every part is at least {task.enough:g}; `strain`, the largest of an edge. More is in docs/using.md.
+whether every part is at least {task.enough:g}; `strain`, the largest of an edge; `change`, the mean absolute change of
+the action's components since the frame before. More is in docs/using.md.
 
 ## Arguments
 `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `observe_material`, `resolution`, `preset`, `self_contact`,
 `render_mode`: see `ClothEnv`.
 
 ## Version History
-v0: first version."""
+v0: first version.
+v1: `MiniCloth-{task.__name__}-v1`, what *Version 1* says above, and as in all scenes: before the extras are the last
+action and what is left to do; the reward is multiplied by `reward_effort`, 1 - `change` / 2, which success leaves
+out."""
     return task
