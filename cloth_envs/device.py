@@ -95,7 +95,8 @@ class DeviceWorld(World):
         self._watched = (self.task.watched, to_device(self.task.watched, self.device)) if partial else None
         self._given: Any = torch.zeros(self.episode.action.shape, dtype=torch.float64, device=self.device)
         self._before: Any = self._given.clone()
-        self.episode.action = self._given.clone()
+        action: Any = self._given.clone()
+        self.episode.action = action
         self._frames = to_device(self.frames, self.device)
         there: dict[str, Any] = state.arrays()
         self._seen = State(**{name: value.clone().contiguous() for name, value in there.items()})

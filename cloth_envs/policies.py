@@ -9,8 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from cloth_envs.naming import unknown_name
-from cloth_envs.registry import REVISED
+from cloth_envs.naming import REVISED, unknown_name
 
 POLICIES = {
     "zero": "no action",

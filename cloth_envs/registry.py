@@ -7,7 +7,7 @@ from inspect import signature
 from typing import Any
 
 from cloth_envs.backend import Backend, BackendFactory, check_keywords
-from cloth_envs.naming import resolve, unknown_name
+from cloth_envs.naming import REVISED, resolve, unknown_name
 from cloth_envs.scene import Scene
 
 # name -> "module:Task class"; the Gymnasium ids are MiniCloth-<name>-v0 and, of the task as revised, -v1.
@@ -22,8 +22,6 @@ SCENES: dict[str, str] = {
     "Hitting": "cloth_envs.scenes.hitting:Hitting",
     "Skirt": "cloth_envs.scenes.skirt:Skirt",
 }
-
-REVISED = "-v1"  # after a scene's name: the task as its ``revision`` has it
 
 # task, as Flag or Flag-v1 -> frames of an episode, kept here so that registering with Gymnasium imports no scene.
 EPISODE_FRAMES: dict[str, int] = {

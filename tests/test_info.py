@@ -54,11 +54,8 @@ def test_parts_make_the_reward_and_the_distance_its_first(scene: str) -> None:
             goal = parts[:-1] if scene.endswith("-v1") else parts
             assert info["success"] == all(part >= task.enough for part in goal)
             away = info["distance"]
-            if scene in FIRST:
-                first = FIRST[scene](away)
-            else:
-                first = 0.1 ** ((away / MARGIN[scene.removesuffix("-v1")]) ** 2)
-            assert parts[0] == pytest.approx(first, rel=1e-6, abs=1e-12)
+            first = FIRST.get(scene, lambda far: 0.1 ** ((far / MARGIN[scene.removesuffix("-v1")]) ** 2))
+            assert parts[0] == pytest.approx(first(away), rel=1e-6, abs=1e-12)
             assert -1 < info["strain"] < task.max_strain
 
 

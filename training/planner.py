@@ -49,8 +49,7 @@ class Planner:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        model = {"backend": self.backend, "backend_kwargs": dict(self.options)}
-        self.model = World(self.scene, num_envs=self.budget.members, **model)
+        self.model = World(self.scene, num_envs=self.budget.members, backend=self.backend, backend_kwargs=self.options)
         self.rng = np.random.default_rng(self.seed)
         self.plan = np.zeros((self.budget.horizon, len(self.model.task.actions)))
         knots = np.arange(-(-self.budget.horizon // self.budget.every) + 1) * self.budget.every

@@ -7,7 +7,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
-from cloth_envs.marks import Mark, dot, line, ring
+from cloth_envs.marks import Mark, dot, ghost, line, ring
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
@@ -130,7 +130,7 @@ class BallDrop(Task):
         marks = [line(ball, (*ball[:2], DROP[1])), ring(below, NEAR), dot(middle)]
         if self.version:
             goal = episode.memory["goal"][member]
-            marks += [ring(np.array([*goal, 0.0]), within(BRING_MARGIN)), line((*goal, 0.0), (*goal, DROP[1]))]
+            marks += [ghost(np.array([*goal, CENTRE]), RADIUS), ring(np.array([*goal, 0.0]), within(BRING_MARGIN))]
         return marks
 
     def observe(self, episode: Episode) -> np.ndarray:

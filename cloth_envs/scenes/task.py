@@ -15,7 +15,8 @@ from cloth_envs.failure import MAX_STRAIN
 from cloth_envs.grid import Grid
 from cloth_envs.marks import Mark
 from cloth_envs.material import Material
-from cloth_envs.registry import EPISODE_FRAMES, REVISED
+from cloth_envs.naming import REVISED
+from cloth_envs.registry import EPISODE_FRAMES
 from cloth_envs.scene import Scene
 from cloth_envs.scenes import drives, measures
 from cloth_envs.state import Controls, State

@@ -49,14 +49,15 @@ class TaskRow:
 def as_row(task: str, physics: str, who: str, played: Played) -> TaskRow:
     """The row of some episodes."""
     earned = Interval.of(played.reward)
-    means = [float(part.mean()) for part in (played.last_second, played.success, played.change)]
-    return rounded(TaskRow(task, physics, who, len(played.reward), earned.mean, earned.half, *means, played.failed))
+    second, success, change = (float(part.mean()) for part in (played.last_second, played.success, played.change))
+    own = task, physics, who, len(played.reward)
+    return rounded(TaskRow(*own, earned.mean, earned.half, second, success, change, played.failed))
 
 
 def planned(task: str, physics: str, seeds: Sequence[int], frames: int, budget: Budget) -> Played:
     """Episodes of a planner, one after the other, in worlds of the physics that is its model."""
     backend, options = MODELS[physics]
-    played = []
+    played, failures = [], list[str | None]()
     for seed in seeds:
         world = World(task, backend=backend, backend_kwargs=options)
         world.reset({0: np_random(seed)[0]})
@@ -71,10 +72,10 @@ def planned(task: str, physics: str, seeds: Sequence[int], frames: int, budget: 
             rewards[frame] = earned[0]
         second, met = rewards[-round(1 / world.scene.frame_dt) :], not failure and world.told["success"][0]
         change, saturated = abs(np.diff(moves, axis=0)).mean(), (abs(moves) >= 1).mean()
-        played.append((rewards.mean(), second.mean(), met, change, saturated, failure))
-    reward, last_second, success, change, saturated, failures = zip(*played, strict=True)
-    means = map(np.array, (reward, last_second, success))
-    return Played(*means, list(failures), np.array(change), np.array(saturated))
+        played.append((rewards.mean(), second.mean(), met, change, saturated))
+        failures.append(failure)
+    reward, last_second, success, changed, bound = np.array(played, float).T
+    return Played(reward, last_second, success > 0, failures, changed, bound)
 
 
 def measure(session: Session) -> None:
