@@ -121,7 +121,7 @@ def test_reward_is_in_bounds_for_any_state(scene: str, size: float) -> None:
     assert reward.shape == (8,)
     assert reward.dtype == np.float64
     assert ((reward >= 0) & (reward <= 1)).all()
-    assert world.task.observe(world.episode).shape == (8, len(world.task.extras))
+    assert world.task.numbers(world.episode).shape == (8, len(world.task.extras))
 
 
 @scenes
