@@ -302,7 +302,7 @@ class World:
 
     @property
     def told(self) -> dict[str, Any]:
-        """What ``info`` tells of the last frame, ``(B,)`` each: strain, change of action, parts of the reward and so on."""
+        """What ``info`` tells of the last frame, ``(B,)`` each: strain, change, parts of the reward and so on."""
         return self._named(self._scores, self.strain)
 
     @property
