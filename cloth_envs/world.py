@@ -33,7 +33,8 @@ from cloth_envs.state import Controls, State
 class World:
     """``num_envs`` episodes of one scene, on one backend or, where ``backend`` is a list, on one for each.
 
-    ``scene`` is a name, or a task's class, which is taken as it is: of ``preset`` only the solver counts then.
+    ``scene`` is a name, as ``Flag`` or ``Flag-v1``, or a task's class, which is taken as it is: of ``preset`` only the
+    solver counts then.
 
     Attributes:
         scene: what is modelled: as the task lists it, without self-contact where a backend has none.

@@ -11,7 +11,8 @@ import pytest
 
 import cloth_envs
 from cloth_envs.registry import EPISODE_FRAMES, SCENES, load_task
-from cloth_envs.scenes.ball_drop import GOAL
+from cloth_envs.scenes.ball_drop import BROUGHT, GOAL
+from cloth_envs.scenes.hanging import NEARER
 from cloth_envs.world import World
 
 SMALL: dict[str, Any] = {"resolution": (13, 17)}
@@ -126,3 +127,15 @@ def test_both_versions_have_names_ids_and_episodes() -> None:
         World("Flag-v1", preset="lee2019")
     with pytest.raises(ValueError, match="another scene"):
         world_of("Flag").set_state(world_of("Flag-v1").get_state())
+
+
+@pytest.mark.parametrize(("scene", "near"), [("Hanging-v1", NEARER), ("BallDrop-v1", BROUGHT)])
+def test_marks_show_what_is_near_enough(scene: str, near: float) -> None:
+    """Where the part that the distance makes falls below what success asks for."""
+    world = world_of(scene)
+    middle = world.task.middle(world.episode)
+    for away, enough in ((0.99 * near, True), (1.01 * near, False)):
+        goal = world.episode.memory["goal"]
+        goal[:] = middle[:, : goal.shape[1]]
+        goal[:, 0] += away
+        assert ((world.task.score(world.episode)[1] >= world.task.enough) == enough).all()

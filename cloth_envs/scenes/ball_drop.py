@@ -26,9 +26,10 @@ DRIFT = 0.3  # m/s, largest starting velocity along x and y
 WAVE = 0.02  # m, largest starting waves
 HELD = 0.5  # m, mean height from which on the cloth counts as held up
 MARGIN = 0.35  # m
-GOAL = (0.3, 0.8)  # m, distance of the goal from the ball's start, in version 1
-BRING_MARGIN = 0.5  # m
 NEAR = within(MARGIN)  # m, distance from the axis that is near enough
+GOAL = (0.3, 0.8)  # m, distance of the goal from the ball's start, in version 1
+BRING_MARGIN, BRING_LEAST = 0.5, 0.25  # m, and what a cloth that is caught earns far from the goal
+BROUGHT = within(BRING_MARGIN, (0.9 - BRING_LEAST) / (1 - BRING_LEAST))  # m, distance of the goal that is near enough
 
 
 @documented
@@ -130,7 +131,7 @@ class BallDrop(Task):
         marks = [line(ball, (*ball[:2], DROP[1])), ring(below, NEAR), dot(middle)]
         if self.version:
             goal = episode.memory["goal"][member]
-            marks += [ghost(np.array([*goal, CENTRE]), RADIUS), ring(np.array([*goal, 0.0]), within(BRING_MARGIN))]
+            marks += [ghost(np.array([*goal, CENTRE]), RADIUS), ring(np.array([*goal, 0.0]), BROUGHT)]
         return marks
 
     def observe(self, episode: Episode) -> np.ndarray:
@@ -150,4 +151,4 @@ class BallDrop(Task):
         if not self.version:
             return length(away), *caught
         left = middle[:, :2] - episode.memory["goal"]
-        return length(left), tolerance(left, BRING_MARGIN, 0.25), *caught
+        return length(left), tolerance(left, BRING_MARGIN, BRING_LEAST), *caught

@@ -73,7 +73,6 @@ class Collision(Task):
     away = "the shape error [m]"
     ways = tuple(f"{row}, {col} short of y" for row in range(1, 5) for col in range(4))
     revision: ClassVar[Mapping[str, Any]] = {"extras": BALL}
-    margin: ClassVar[float] = SHAPE_MARGIN
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -82,7 +81,7 @@ class Collision(Task):
         self.across = (cols * scene.grid.col_spacing - 0.5 * scene.grid.width)[1:].ravel()
         columns = self.lattice[1]
         self.above, self.shaped = self.keypoints[:-columns].copy(), self.keypoints[columns:].copy()
-        self.shape_margin = self.margin * len(self.shaped) ** 0.5  # of the length of all errors, not of their rms
+        self.shape_margin = SHAPE_MARGIN * len(self.shaped) ** 0.5  # of the length of all errors, not of their rms
         rows_apart = np.maximum(np.diff(rows, axis=0), 1)  # a coarse grid has less rows than the lattice
         self.apart = rows_apart.ravel() * scene.grid.row_spacing
         self.free_strain = FREE_STRAIN
@@ -128,12 +127,9 @@ class Collision(Task):
         ball = state.colliders[:, 0, 0], state.collider_velocities[:, 0, 0]
         return columns(*ball) if self.version else columns(*ball, episode.memory["goal"])
 
-    def short(self, episode: Episode) -> np.ndarray:
-        """By how much the keypoints below the first row are short of their target y, ``(B, n)`` [m]."""
-        return episode.memory["shape"] - episode.cloth[:, 1, self.shaped]
-
     def way(self, episode: Episode) -> np.ndarray:
-        return columns(self.short(episode))
+        """By how much the keypoints below the first row are short of their target y [m]."""
+        return columns(episode.memory["shape"] - episode.cloth[:, 1, self.shaped])
 
     def shape(self, goal: np.ndarray) -> np.ndarray:
         """Target y of the keypoints below the first row, ``(B, n)`` [m], for ball centres ``goal`` ``(B, 3)``.

@@ -29,7 +29,7 @@ EDGE_TURN = 1.4  # of the cone's sine times the cells along a side: edges of few
 SWING = 1.0  # rad/s, largest starting rate of swinging
 PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
 FAR_MARGIN, NEAR_MARGIN, REST_MARGIN = 1.0, 0.25, 0.5  # m, m, m/s, of version 1
-NEAR = within(PLACE_MARGIN)  # m, distance of the goal that is near enough
+NEAR, NEARER = within(PLACE_MARGIN), 0.075  # m, distances of the goal that are near enough in versions 0 and 1
 
 
 @documented
@@ -79,7 +79,8 @@ class Hanging(Task):
     parts = ("place", "calm")
     away = "of the middle from the goal [m]"
     ways = ("to goal x", "to goal y", "to goal z", "speed")
-    revision: ClassVar[Mapping[str, Any]] = {"parts": ("approach", "calm")}
+    near: ClassVar[float] = NEAR
+    revision: ClassVar[Mapping[str, Any]] = {"parts": ("approach", "calm"), "near": NEARER}
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -135,7 +136,7 @@ class Hanging(Task):
 
     def marks(self, episode: Episode, member: int) -> list[Mark]:
         middle, goal = self.middle(episode)[member], episode.memory["goal"][member]
-        return [line(middle, goal), ghost(goal, NEAR), dot(middle)]
+        return [line(middle, goal), ghost(goal, self.near), dot(middle)]
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
