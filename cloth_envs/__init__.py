@@ -1,6 +1,6 @@
 """MiniCloth: cloth scenes as Gymnasium environments with pluggable physics.
 
-Importing the package registers ``MiniCloth-<Scene>-v0`` for every scene.
+Importing the package registers ``MiniCloth-<Scene>-v0`` and ``-v1`` for every scene.
 """
 
 from gymnasium.envs.registration import register
@@ -27,11 +27,11 @@ __all__ = [
     "register_backend",
 ]
 
-for _name in SCENES:
+for _name, _frames in EPISODE_FRAMES.items():
     register(
         id=env_id(_name),
         entry_point="cloth_envs.env:ClothEnv",
         vector_entry_point="cloth_envs.vector_env:ClothVectorEnv",
         kwargs={"scene": _name},
-        max_episode_steps=EPISODE_FRAMES[_name],
+        max_episode_steps=_frames,
     )

@@ -94,6 +94,7 @@ class DeviceWorld(World):
         )
         self._watched = (self.task.watched, to_device(self.task.watched, self.device)) if partial else None
         self._given: Any = torch.zeros(self.episode.action.shape, dtype=torch.float64, device=self.device)
+        self._before: Any = self._given.clone()
         action: Any = self._given.clone()
         self.episode.action = action
         self._frames = to_device(self.frames, self.device)
@@ -125,7 +126,18 @@ class DeviceWorld(World):
         self._observed: Any = None
 
     def _as_seen(self) -> Episode:
-        return Episode(self._seen, self.episode.memory, self._given.clip(-1.0, 1.0))
+        return Episode(self._seen, self.episode.memory, self._given.clip(-1.0, 1.0), self._before)
+
+    def _rest(self, which: Sequence[int]) -> None:
+        members = torch.tensor(which, device=self.device)
+        for action in (self._given, self._before):
+            action[members] = 0.0
+        self.episode.action = self._given.clip(-1.0, 1.0)
+
+    def _act(self, action: np.ndarray) -> None:
+        for there in (self._given, self._before):
+            there.copy_(to_device(action, self.device))
+        self.episode.action = self._given.clone()
 
     def _driven(self) -> list[Any]:
         """The clipped action, then the fields of ``Controls``."""
@@ -172,7 +184,8 @@ class DeviceWorld(World):
 
     def advance(self, actions: Any) -> tuple[Any, dict[int, str]]:
         episode, before = self.episode, self.episode.state
-        last = episode.action, self.controls
+        controls = self.controls
+        self._before.copy_(episode.action)
         self._given.copy_(actions)
         episode.action, *driven = self._drive()
         self.controls = Controls(*driven)
@@ -185,7 +198,7 @@ class DeviceWorld(World):
         self._strain: Any = strain.where(finite > 0, inf)
         usable, lost = self._find().tolist()
         if not usable:
-            self._take_back(before, *last)
+            self._take_back(before, controls)
             raise ValueError("action holds NaN or infinity; the state is unchanged, pass numbers in [-1, 1]")
         reasons = self._put_back(before) if lost else {}
         self._last_second.append(self.rewards)
@@ -211,13 +224,14 @@ class DeviceWorld(World):
         good.time = self._seen.time[which]
         self._replace(which, members, good)
         self._find()
-        for values in (self.rewards, *self._scores[1:]):
+        for values in (self.rewards, *self._scores[2:]):
             values[which] = 0.0
         return reasons
 
-    def _take_back(self, before: State, action: Any, controls: Controls | None) -> None:
+    def _take_back(self, before: State, controls: Controls | None) -> None:
         """Undo a frame of actions that are no numbers."""
-        self.episode.action, self.controls = action, controls
+        self.episode.action, self.controls = self._before.clone(), controls
+        self._given.copy_(self._before)
         self.frames -= 1
         self._frames -= 1
         self.backend.reset(before, self.materials)

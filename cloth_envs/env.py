@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 
 class ClothEnv(gym.Env[Any, np.ndarray]):
-    """A cloth scene; made by ``gym.make("MiniCloth-<Scene>-v0", ...)``.
+    """A cloth scene; made by ``gym.make("MiniCloth-<Scene>-v0", ...)``, or ``-v1``.
 
     What there is to do is told by ``env.unwrapped.task.__doc__``, and by ``minicloth list --scene <Scene>``.
 
     Arguments:
-        scene: the scene's name.
+        scene: the scene's name, with ``-v1`` its task of that version.
         backend: which physics, by name or as ``module:attribute``: spaces, seeds and task are the same for all.
         backend_kwargs: passed to the backend; ``"reference"`` takes a ``solver`` and that solver's own options
             (see ``cloth_envs.physics.solver.SOLVERS``).

@@ -10,6 +10,7 @@ from scipy import stats
 
 from cloth_envs.progress import progress
 from cloth_envs.registry import EPISODE_FRAMES
+from cloth_envs.vector_env import threaded
 from cloth_envs.world import World
 
 Policy = Callable[[Any], np.ndarray]  # observations of a batch -> actions (B, A), clipped to [-1, 1] then
@@ -48,10 +49,12 @@ class Played:
 def play(scene: str, policy: Policy, seeds: Sequence[int], *, frames: int | None = None, **options: Any) -> Played:
     """One episode of the scene's length, or of ``frames``, from each of ``seeds``; ``options`` are the world's.
 
+    All processors at hand step them, unless ``backend_kwargs`` have other ``threads``; results are the same.
+
     Raises:
         ValueError: bad options, or a policy whose actions don't fit.
     """
-    world = World(scene, num_envs=len(seeds), **options)
+    world = World(scene, num_envs=len(seeds), **threaded(options, len(seeds)))
     world.reset({i: np_random(seed)[0] for i, seed in enumerate(seeds)})
     count = frames or EPISODE_FRAMES[scene]
     rewards, moves = np.zeros((count, len(seeds))), np.zeros((count, len(seeds), len(world.task.actions)))

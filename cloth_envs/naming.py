@@ -8,6 +8,8 @@ from typing import Any
 
 from cloth_envs.extras import EXTRAS, missing
 
+REVISED = "-v1"  # after a scene's name: its task of version 1
+
 
 def unknown_name(what: str, name: object, choices: Iterable[str], *, meant: str | None = None) -> ValueError:
     """A ``ValueError`` that says what to write instead of ``name``: ``meant``, or the choice that is most like it."""

@@ -50,7 +50,7 @@ class Observer:
 
     def __call__(self, episode: Episode) -> Any:
         """Observations of the batch, freshly allocated, in ``space`` with a leading axis."""
-        state, extras = episode.state, self.task.observe(episode)
+        state, extras = episode.state, self.task.numbers(episode)
         if self._mesh:
             xp = array_namespace(extras)
             mesh = xp.concat([xp.astype(field, xp.float32) for field in (state.positions, state.velocities)], axis=1)

@@ -5,9 +5,11 @@ numbers are the last ones, after positions and velocities of the keypoints. ``ex
 what they earn.
 """
 
+from functools import partial
+
 import numpy as np
 
-from cloth_envs.naming import unknown_name
+from cloth_envs.naming import REVISED, unknown_name
 
 POLICIES = {
     "zero": "no action",
@@ -16,6 +18,8 @@ POLICIES = {
     "bang-bang": "full action one way or the other, for 5-20 frames",
     "alternating": "full action, turned at every frame",
 }
+
+BELL = np.linalg.pinv(np.vander(np.linspace(-0.5, 0.5, 4), 3)).T  # fits parabolas across four columns of keypoints
 
 
 def open_loop(policy: str, frames: int, size: int, frame_dt: float, seed: int) -> np.ndarray:
@@ -68,11 +72,15 @@ def collision(obs: np.ndarray) -> np.ndarray:
     return 3 * (obs[..., -3:] - obs[..., -9:-6])
 
 
-def pressure(obs: np.ndarray) -> np.ndarray:
-    """The pressure that holds the height wanted in 0.05 s (it grows as the cube), and damping."""
+def pressure(obs: np.ndarray, share: float = 1.0) -> np.ndarray:
+    """The pressure that holds the height wanted in 0.05 s (it grows as the cube), and damping.
+
+    ``share`` is 40 Pa over what the pump gives at full action.
+    """
     _, velocity, _, target, soon = np.moveaxis(obs[..., -5:], -1, 0)
     wanted_velocity = (soon - target) / 0.1
-    return (0.05 + 560 * (0.5 * (target + soon)) ** 3 + 0.03 * (wanted_velocity - velocity))[..., None]
+    static = share * (0.05 + 560 * (0.5 * (target + soon)) ** 3)
+    return (static + 0.03 * (wanted_velocity - velocity))[..., None]
 
 
 def hanging(obs: np.ndarray) -> np.ndarray:
@@ -113,6 +121,23 @@ def skirt(obs: np.ndarray) -> np.ndarray:
     return np.stack([turning, -5 * obs[..., -4]], -1)
 
 
+def collision_shape(obs: np.ndarray) -> np.ndarray:
+    """Of version 1: read off the wanted shape, a bell across, where a ball makes it, and move the ball there."""
+    y, short, ball = obs[..., 24:40], obs[..., -22:-6], obs[..., -6:-3]
+    curve, slope, level = np.moveaxis(np.log((y + short).reshape(*obs.shape[:-1], 4, 4)) @ BELL, -1, 0)
+    aside = -0.5 * slope / curve  # of the bell, in each row
+    peak = np.exp(level + 0.5 * slope * aside)
+    depth = (0.375 * peak[..., 3] / peak[..., 0] - 0.24) / 0.84  # rows lie 0.375 m apart
+    return 3 * (np.stack([aside.mean(-1), peak[..., 0] * depth / 0.375 - 0.2, -depth], -1) - ball)
+
+
+def ball_drop_and_carry(obs: np.ndarray) -> np.ndarray:
+    """Of version 1: as ``ball_drop``, then carry the cloth to the goal, gently."""
+    falling, left = obs[..., -4:-3] > 0.65, 2 * obs[..., -12:-10]
+    gently = left / np.maximum(np.linalg.norm(left, axis=-1, keepdims=True) / 0.5, 1)
+    return np.where(falling, ball_drop(obs), gently)
+
+
 CONTROLLERS = {
     "Curtain": curtain,
     "Flag": flag,
@@ -123,4 +148,9 @@ CONTROLLERS = {
     "Draping": draping,
     "Hitting": hitting,
     "Skirt": skirt,
+}
+CONTROLLERS |= {name + REVISED: controller for name, controller in CONTROLLERS.items()} | {
+    "Collision-v1": collision_shape,
+    "Pressure-v1": partial(pressure, share=0.5),
+    "BallDrop-v1": ball_drop_and_carry,
 }

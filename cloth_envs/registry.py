@@ -7,10 +7,10 @@ from inspect import signature
 from typing import Any
 
 from cloth_envs.backend import Backend, BackendFactory, check_keywords
-from cloth_envs.naming import resolve, unknown_name
+from cloth_envs.naming import REVISED, resolve, unknown_name
 from cloth_envs.scene import Scene
 
-# name -> "module:Task class"; the Gymnasium id is MiniCloth-<name>-v0.
+# name -> "module:Task class"; the Gymnasium ids are MiniCloth-<name>-v0 and, of the task as revised, -v1.
 SCENES: dict[str, str] = {
     "Curtain": "cloth_envs.scenes.curtain:Curtain",
     "Flag": "cloth_envs.scenes.flag:Flag",
@@ -23,9 +23,11 @@ SCENES: dict[str, str] = {
     "Skirt": "cloth_envs.scenes.skirt:Skirt",
 }
 
-# Frames of an episode, kept here so that registering with Gymnasium imports no scene.
+# task, as Flag or Flag-v1 -> frames of an episode, kept here so that registering with Gymnasium imports no scene.
 EPISODE_FRAMES: dict[str, int] = {
-    name: {"Pressure": 250, "Hanging": 250, "Skirt": 400}.get(name, 200) for name in SCENES
+    name + version: {"Pressure": 250, "Hanging": 250, "Skirt": 400}.get(name, 200)
+    for version in ("", REVISED)
+    for name in SCENES
 }
 
 # preset -> scene -> "module:Task class", resolved on use; see cloth_envs.presets.
@@ -61,16 +63,21 @@ GROUP = "minicloth.backends"  # entry points: name -> module:attribute
 
 
 def env_id(scene: str) -> str:
-    """The Gymnasium id of a scene."""
-    return f"MiniCloth-{scene}-v0"
+    """The Gymnasium id of a scene's task, which is named as ``Flag`` or ``Flag-v1``."""
+    return f"MiniCloth-{scene}" if scene.endswith(REVISED) else f"MiniCloth-{scene}-v0"
 
 
 def load_task(name: str) -> type[Any]:
-    """The ``scenes.task.Task`` class of a scene. Raises ValueError: unknown scene; the nearest match is named."""
-    if not isinstance(name, str) or name not in SCENES:
-        short = re.fullmatch(env_id("(.+)").replace("v0", r"v\d+"), str(name))  # the id is what gym.make takes
-        raise unknown_name("scene", name, SCENES, meant=short[1] if short else None)
-    return resolve(SCENES[name])
+    """The ``scenes.task.Task`` class of a scene, or of its revision as ``Flag-v1``.
+
+    Raises:
+        ValueError: unknown scene; the nearest match is named.
+    """
+    if not isinstance(name, str) or name not in EPISODE_FRAMES:
+        short = re.fullmatch(r"(?:MiniCloth-)?(.+?)(?:-v0)?", str(name))  # the id is what gym.make takes
+        raise unknown_name("scene", name, EPISODE_FRAMES, meant=short[1] if short else None)
+    task: type[Any] = resolve(SCENES[name.removesuffix(REVISED)])
+    return task.revised() if name.endswith(REVISED) else task
 
 
 def register_backend(name: str, factory: BackendFactory | str, *, overwrite: bool = False) -> None:

@@ -23,7 +23,7 @@ class Snapshot:
     Attributes:
         scene, task: where it belongs. physics: the backend and its options in a line.
         state: the batch's. memory: of the task, ``(B, ...)`` each. own: of the backend, the same.
-        frames: of every episode, ``(B,)``.
+        action: the last one, ``(B, A)`` in [-1, 1]; 0 before the first. frames: of every episode, ``(B,)``.
         materials: one a member. rngs: one a member, None where none is known.
         last_second: rewards of the frames of the last second, ``(B, N)``, newest last.
     """
@@ -34,6 +34,7 @@ class Snapshot:
     state: State
     memory: dict[str, np.ndarray]
     own: dict[str, np.ndarray]
+    action: np.ndarray
     frames: np.ndarray
     materials: list[Material]
     rngs: list[np.random.Generator | None]
@@ -44,7 +45,7 @@ class Snapshot:
         named = {f"state.{name}": value for name, value in self.state.arrays().items()}
         named |= {f"memory.{name}": value for name, value in self.memory.items()}
         named |= {f"{OWN}{name}": value for name, value in self.own.items()}
-        named |= {"frames": self.frames, "last_second": self.last_second}
+        named |= {"action": self.action, "frames": self.frames, "last_second": self.last_second}
         saved = {name: value.copy() for name, value in named.items()}
         saved["materials"] = np.array([[getattr(m, p) for p in PROPERTIES] for m in self.materials])
         texts = [json.dumps(rng and rng.bit_generator.state, default=np.ndarray.tolist) for rng in self.rngs]
@@ -90,6 +91,7 @@ class Snapshot:
             state=State(**_under("state.", values)),
             memory=_under("memory.", values),
             own=_under(OWN, values),
+            action=values["action"].astype(np.float64).clip(-1.0, 1.0),
             frames=values["frames"].astype(np.int64),
             materials=[Material(**dict(zip(PROPERTIES, row, strict=True))) for row in values["materials"].tolist()],
             last_second=values["last_second"],
@@ -110,7 +112,7 @@ class Snapshot:
         found = {f"state.{name}": (batch, *shape) for name, shape in state.items()}
         found |= {f"memory.{name}": value.shape for name, value in self.memory.items()}
         found |= {"frames": (batch,), "materials": (batch, len(PROPERTIES)), "rng": (batch,)}
-        return found | {"last_second": self.last_second.shape}
+        return found | {"action": self.action.shape, "last_second": self.last_second.shape}
 
     def _check_time(self, frames: np.ndarray, time: np.ndarray) -> np.ndarray:
         """Frames times the frame. Raises ValueError: ``time`` is another one, or frames are negative."""

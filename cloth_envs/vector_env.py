@@ -85,12 +85,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         self.autoreset_mode = _MODES[one_of("autoreset_mode", name, _MODES)]
         self._tensors = one_of("output", output, OUTPUTS) == "torch"
         self._limit = _limit(max_episode_steps)
-        threads = min(
-            num_envs, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-        )
-        chosen = choices(options.get("backend", "reference"), options.get("backend_kwargs"), num_envs)
-        options |= as_lists([_threaded(choice, threads) for choice in chosen])
-        self.world = _on_its_device(World(scene, num_envs=num_envs, **options))
+        self.world = _on_its_device(World(scene, num_envs=num_envs, **threaded(options, num_envs)))
         if self._tensors and self.world.device is None:
             raise ValueError(
                 f'output="torch" needs one backend on a device, such as backend="cnn", '
@@ -304,6 +299,13 @@ def _on_its_device(world: World) -> World:
     from cloth_envs.device import DeviceWorld
 
     return DeviceWorld.of(world)
+
+
+def threaded(options: dict[str, Any], num_envs: int) -> dict[str, Any]:
+    """A world's ``options`` with as many threads as processors are at hand, where backends take them."""
+    processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    chosen = choices(options.get("backend", "reference"), options.get("backend_kwargs"), num_envs)
+    return options | as_lists([_threaded(choice, min(num_envs, processors)) for choice in chosen])
 
 
 def _threaded(choice: Choice, threads: int) -> Choice:

@@ -33,7 +33,8 @@ from cloth_envs.state import Controls, State
 class World:
     """``num_envs`` episodes of one scene, on one backend or, where ``backend`` is a list, on one for each.
 
-    ``scene`` is a name, or a task's class, which is taken as it is: of ``preset`` only the solver counts then.
+    ``scene`` is a name, as ``Flag`` or ``Flag-v1``, or a task's class, which is taken as it is: of ``preset`` only the
+    solver counts then.
 
     Attributes:
         scene: what is modelled: as the task lists it, without self-contact where a backend has none.
@@ -215,10 +216,15 @@ class World:
         self.frames[which] = 0
         self._vary(which)
         self._place(which, *self._laid(stacked(drawn)))
+        self._rest(which)
 
     def _vary(self, which: Sequence[int]) -> None:
         """Note what ``randomize`` made of the materials of some members."""
         self.varied[which] = [[getattr(self.materials[i], name) for name in self.ranges] for i in which]
+
+    def _rest(self, which: Sequence[int]) -> None:
+        """Let some members have had no action."""
+        self.episode.action[which] = 0.0
 
     def _laid(self, drawn: dict[str, np.ndarray]) -> tuple[State, dict[str, np.ndarray]]:
         """States of starts that were drawn, and what the task remembers of them."""
@@ -276,7 +282,7 @@ class World:
         before, clipped = episode.state, clip_actions(actions)
         if clipped is None:
             raise ValueError("action holds NaN or infinity; the state is unchanged, pass numbers in [-1, 1]")
-        episode.action = clipped
+        episode.before, episode.action = episode.action, clipped
         self.controls = self.task.controls(episode)
         episode.state = self.backend.advance(self.controls)
         tick(self.frames, self.scene.frame_dt, episode.state.time)
@@ -289,7 +295,7 @@ class World:
             episode.state = self.backend.state
         rewards, self._scores = self.task.judge(episode)
         if failed:
-            for values in (rewards, *self._scores[1:]):
+            for values in (rewards, *self._scores[2:]):
                 values[failed] = 0.0
         self.rewards = rewards
         self._last_second.append(rewards)
@@ -297,7 +303,7 @@ class World:
 
     @property
     def told(self) -> dict[str, Any]:
-        """What ``info`` tells of the last frame, ``(B,)`` each: parts of the reward, success, distance and strain."""
+        """What ``info`` tells of the last frame, ``(B,)`` each: strain, change, parts of the reward and so on."""
         return self._named(self._scores, self.strain)
 
     @property
@@ -308,6 +314,8 @@ class World:
 
     def _named(self, scores: Sequence[Any], strain: Any) -> dict[str, Any]:
         told: dict[str, Any] = {"strain": strain}
+        if scores:
+            told["change"], *scores = scores
         if scores:
             told["distance"], *parts = scores
             if self._parts:
@@ -355,7 +363,7 @@ class World:
         """What a picture of a member shows of its goal, and whether it is met now."""
         task, episode = self.task, self.seen_on_host()
         _, scores = task.judge(episode)
-        return task.marks(episode, member), bool(task.parts and task.met(scores[1:])[member])
+        return task.marks(episode, member), bool(task.parts and task.met(scores[2:])[member])
 
     def seen_on_host(self) -> Episode:
         """The present episode in NumPy arrays, which it is."""
@@ -371,7 +379,8 @@ class World:
         earned = np.zeros((self.num_envs, self._last_second.maxlen or 0))
         for ago, rewards in enumerate(reversed(self._last_second), 1):
             earned[:, -ago] = self.on_host(rewards)
-        return Snapshot(*where, self.state, memory, own, self.frames, self.materials, self.rngs, earned)
+        action = self.on_host(self.episode.action)
+        return Snapshot(*where, self.state, memory, own, action, self.frames, self.materials, self.rngs, earned)
 
     def get_state(self) -> dict[str, np.ndarray]:
         """See ``ClothEnv.get_state``."""
@@ -407,6 +416,11 @@ class World:
         if snapshot.own:
             self.backend.recall(snapshot.own)
             self.episode.state = self.backend.state
+        self._act(snapshot.action)
+
+    def _act(self, action: np.ndarray) -> None:
+        """Take ``action`` ``(B, A)`` as the last one."""
+        self.episode.action = action
 
     def __getstate__(self) -> dict[str, Any]:
         """What makes it again, since a backend need not know how to copy itself: arguments and state."""
@@ -416,7 +430,7 @@ class World:
             "factories": named,  # of ``register_backend``, for other processes
             "rngs": self.rngs,
             "state": self.get_state() if self.started else None,
-            "last": (self.episode.action, self.controls) if self.started else None,
+            "controls": self.controls,
         }
 
     def __setstate__(self, saved: dict[str, Any]) -> None:
@@ -426,5 +440,5 @@ class World:
         type(self).__init__(self, **saved["arguments"])
         if saved["state"] is not None:
             self.set_state(saved["state"])
-            self.episode.action, self.controls = saved["last"]
+        self.controls = saved["controls"]
         self.rngs = saved["rngs"]

@@ -24,7 +24,7 @@ THERE = {"backend": "on_tensors:Explicit"}
 # The strain at which some members fail within a few frames, and others do not.
 FRAIL = {
     "Curtain": 0.025, "Flag": 0.05, "Collision": 0.03, "Pressure": 0.03, "Hanging": 0.14, "BallDrop": 0.002,
-    "Draping": 0.06, "Hitting": 0.0105, "Skirt": 0.019,
+    "Draping": 0.06, "Hitting": 0.0105, "Skirt": 0.019, "Pressure-v1": 0.06, "BallDrop-v1": 0.0007,
 }  # fmt: skip
 CLOSE = {"rtol": 1e-5, "atol": 1e-5}
 
@@ -35,7 +35,7 @@ def made(scene: str, **options: Any) -> Any:
 
 def frail(env: Any) -> Any:
     """``env``, whose members fail early."""
-    env.world.failures = Failures(env.scene, FRAIL[env.scene.name])
+    env.world.failures = Failures(env.scene, FRAIL.get(type(env.world.task).__name__) or FRAIL[env.scene.name])
     return env
 
 

@@ -197,7 +197,7 @@ def test_vector_environments_tell_errors_as_gymnasium_does() -> None:
     want: dict[str, Any] = {}
     for i, info in enumerate(told):
         want = env.unwrapped._add_info(want, info, i)
-    names = {"measured_error", "reward_shown", "success", "distance", "strain"}
+    names = {"measured_error", "reward_shown", "success", "distance", "strain", "change"}
     assert infos.keys() == want.keys() == names | {f"_{name}" for name in names}
     for name, values in want.items():
         np.testing.assert_array_equal(infos[name], values)

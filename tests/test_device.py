@@ -21,7 +21,7 @@ LIMIT, FRAMES = 6, 14  # frames of an episode; frames stepped
 
 
 @pytest.mark.parametrize("mode", list(AutoresetMode), ids=lambda mode: mode.value)
-@pytest.mark.parametrize("scene", cloth_envs.SCENES)
+@pytest.mark.parametrize("scene", cloth_envs.EPISODE_FRAMES)
 @pytest.mark.parametrize("device", DEVICES)
 def test_episodes_are_those_of_the_host(device: str, scene: str, mode: AutoresetMode) -> None:
     own = {"autoreset_mode": mode.value, "max_episode_steps": LIMIT}

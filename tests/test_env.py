@@ -18,7 +18,7 @@ import cloth_envs
 from cloth_envs.env import ClothEnv
 from cloth_envs.scenes.task import Task
 
-SCENES = list(cloth_envs.SCENES)
+SCENES, TASKS = list(cloth_envs.SCENES), list(cloth_envs.EPISODE_FRAMES)
 SMALL = {"resolution": (13, 9)}
 
 
@@ -38,14 +38,14 @@ def rollout(env: gym.Env, frames: int, seed: int = 3) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("obs", ["keypoints", "mesh"])
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", TASKS)
 def test_gymnasium_checker_is_clean(scene: str, obs: str) -> None:
     with make(scene, obs=obs, **SMALL) as env:
         check_env(env.unwrapped, skip_render_check=True)
 
 
 @pytest.mark.parametrize("obs", ["keypoints", "mesh"])
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", TASKS)
 def test_stable_baselines_checker_is_clean(scene: str, obs: str) -> None:
     checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs the extra 'rl'")
     with make(scene, obs=obs, **SMALL) as env, warnings.catch_warnings():
@@ -54,7 +54,7 @@ def test_stable_baselines_checker_is_clean(scene: str, obs: str) -> None:
         checker.check_env(env.unwrapped, warn=True)
 
 
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", TASKS)
 def test_spaces_seeds_and_types(scene: str) -> None:
     with make(scene) as env:
         first, info = env.reset(seed=7)
@@ -200,7 +200,7 @@ def test_a_failed_simulation_ends_the_episode_with_its_last_good_state() -> None
         assert (terminated, truncated, reward) == (True, False, 0.0)
         assert info.pop("strain") > (1 if reason != "energy" else 0)
         assert info.pop("distance") > 0
-        nothing = {"reward_place": 0.0, "reward_calm": 0.0, "final_second": 0.0, "success": False}
+        nothing = {"reward_place": 0.0, "reward_calm": 0.0, "final_second": 0.0, "success": False, "change": 0.0}
         assert info == {"failure": reason, **nothing}
         assert np.isfinite(obs).all()
         assert np.array_equal(env.positions, before)

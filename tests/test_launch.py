@@ -53,7 +53,7 @@ class Taped(OneLaunch):
         return self.tape.play(self._results)
 
 
-@pytest.mark.parametrize("scene", cloth_envs.SCENES)
+@pytest.mark.parametrize("scene", cloth_envs.EPISODE_FRAMES)
 def test_a_recorded_frame_is_the_computed_one(scene: str, monkeypatch: pytest.MonkeyPatch) -> None:
     computed, recorded = (made(scene, **THERE, output="torch", max_episode_steps=LIMIT) for _ in range(2))
     frail(computed)
@@ -88,7 +88,7 @@ class Watching(TorchFunctionMode):
         return function(*args, **kwargs or {})
 
 
-@pytest.mark.parametrize("scene", cloth_envs.SCENES)
+@pytest.mark.parametrize("scene", cloth_envs.EPISODE_FRAMES)
 def test_a_step_is_few_operations_of_which_two_flags_come_back(scene: str) -> None:
     """On a GPU each costs a launch, and what comes back waits for all of them."""
     counts = []
@@ -101,7 +101,8 @@ def test_a_step_is_few_operations_of_which_two_flags_come_back(scene: str) -> No
         assert watched.sent == [("tolist", 2)]
         counts.append(watched.count)
     assert counts[0] == counts[1]
-    assert counts[0] < (700 if scene == "Skirt" else 160)  # fifteen joints' splines, turned and made capsules of thrice
+    most = 700 if scene.startswith("Skirt") else 160  # fifteen joints' splines, turned and made capsules of thrice
+    assert counts[0] < most + 20 * scene.endswith("-v1")
 
 
 def test_a_reset_in_a_step_sends_no_more_than_the_members_that_it_starts() -> None:

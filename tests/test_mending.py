@@ -148,7 +148,7 @@ def test_no_episode_ends_for_how_its_cloth_is_drawn(guard: bool) -> None:
     env.reset(seed=0)
     *_, terminated, _, info = env.step(np.zeros(3, np.float32))
     assert not terminated
-    always = {"reward_place", "reward_calm", "success", "distance", "strain"}
+    always = {"reward_place", "reward_calm", "success", "distance", "strain", "change"}
     assert info.keys() == always | ({"guard"} if guard else set())
     assert info.get("guard", False) is guard
     base = env.unwrapped

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cloth_envs.policies import CONTROLLERS
-from cloth_envs.registry import SCENES, load_task
+from cloth_envs.registry import EPISODE_FRAMES, load_task
 from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.flag import Flag
 from cloth_envs.scenes.starts import between, bow, either
@@ -31,7 +31,7 @@ COARSE = {
     "Skirt": (17, 32),
 }
 EXAMPLES = Path(__file__).parents[1] / "examples"
-scenes = pytest.mark.parametrize("scene", list(SCENES))
+scenes = pytest.mark.parametrize("scene", list(EPISODE_FRAMES))
 
 
 def make_task(scene: str, resolution: tuple[int, int] | None = None) -> Task:
@@ -40,7 +40,7 @@ def make_task(scene: str, resolution: tuple[int, int] | None = None) -> Task:
 
 
 def make_world(scene: str, envs: int = 1, *, seed: int = 0, resolution: tuple[int, int] | None = None) -> World:
-    world = World(scene, num_envs=envs, resolution=resolution or COARSE[scene])
+    world = World(scene, num_envs=envs, resolution=resolution or COARSE[scene.removesuffix("-v1")])
     world.reset({i: np.random.default_rng(seed + i) for i in range(envs)})
     return world
 
@@ -121,7 +121,7 @@ def test_reward_is_in_bounds_for_any_state(scene: str, size: float) -> None:
     assert reward.shape == (8,)
     assert reward.dtype == np.float64
     assert ((reward >= 0) & (reward <= 1)).all()
-    assert world.task.observe(world.episode).shape == (8, len(world.task.extras))
+    assert world.task.numbers(world.episode).shape == (8, len(world.task.extras))
 
 
 @scenes
@@ -157,6 +157,8 @@ def test_bang_bang_actions_break_nothing(scene: str) -> None:
 GAIN = {
     "Curtain": 0.3, "Flag": 0.15, "Collision": 0.25, "Pressure": 0.25, "Hanging": 0.2, "BallDrop": 0.25,
     "Draping": 0.35, "Hitting": 0.35, "Skirt": 0.15,
+    "Curtain-v1": 0.3, "Flag-v1": 0.12, "Collision-v1": 0.25, "Pressure-v1": 0.25, "Hanging-v1": 0.2,
+    "BallDrop-v1": 0.25, "Draping-v1": 0.35, "Hitting-v1": 0.35, "Skirt-v1": 0.15,
 }  # fmt: skip
 
 

@@ -50,7 +50,8 @@ def everything() -> str:
     for name, m in FABRICS.items():
         numbers = (m.areal_density, m.stretch_stiffness, m.shear_stiffness, m.bend_stiffness)
         fabrics.append([name, *(f"{value:g}" for value in numbers)])
-    parts = [table(scenes), table(presets), table([["backend", ""], *backends]), table(fabrics)]
+    both = "Each is there as version 1 too, a task revised to be worth learning: Flag-v1, MiniCloth-Flag-v1 and so on."
+    parts = [table(scenes), both, table(presets), table([["backend", ""], *backends]), table(fabrics)]
     parts.append(table([["policy", ""], *([name, text] for name, text in POLICIES.items())]))
     return "\n\n".join(parts)
 

@@ -1,12 +1,13 @@
 """BallDrop: a ball on the ground catches a falling cloth."""
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
-from cloth_envs.marks import Mark, dot, line, ring
+from cloth_envs.marks import Mark, dot, ghost, line, ring
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
@@ -26,6 +27,9 @@ WAVE = 0.02  # m, largest starting waves
 HELD = 0.5  # m, mean height from which on the cloth counts as held up
 MARGIN = 0.35  # m
 NEAR = within(MARGIN)  # m, distance from the axis that is near enough
+GOAL = (0.3, 0.8)  # m, distance of the goal from the ball's start, in version 1
+BRING_MARGIN, BRING_LEAST = 0.5, 0.25  # m, and what a cloth that is caught earns far from the goal
+BROUGHT = within(BRING_MARGIN, (0.9 - BRING_LEAST) / (1 - BRING_LEAST))  # m, distance of the goal that is near enough
 
 
 @documented
@@ -54,6 +58,12 @@ class BallDrop(Task):
     ## What Is Modelled
     Springs, damping, bending, gravity, still air, contact and friction with the ball, the ground and
     itself. The ball slides, it doesn't roll, and doesn't feel the cloth.
+
+    ## Version 1
+    The cloth starts 0.35-0.6 m beside the ball's axis, so that nothing catches it by luck, and is to be carried to a
+    goal on the ground, 0.3-0.8 m from where the ball starts. The reward is multiplied by `(1 + 3 * tolerance(distance
+    of the middle from the goal, 0.5 m)) / 4`, and `distance` is this one. Before the extras also the ways from the
+    ball's axis to the middle, and from the middle to the goal.
     """
 
     size = (1.0, 1.0)
@@ -68,6 +78,9 @@ class BallDrop(Task):
     extras_bound = 50.0
     parts = ("centred", "held")
     away = "of the middle from the ball's axis [m]"
+    ways = ("to middle x", "to middle y", "to goal x", "to goal y")
+    revision: ClassVar[Mapping[str, Any]] = {"beside": (0.35, 0.6), "parts": ("brought", "centred", "held")}
+    beside: ClassVar[tuple[float, float]] = (0.0, OFFSET)  # m, starting distance of the middle from the ball's axis
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -84,12 +97,13 @@ class BallDrop(Task):
         return Scene("BallDrop", grid, material, cls.frame_dt, colliders=bodies, air=Air(), self_contact=own)
 
     def draw(self, rng: np.random.Generator) -> dict[str, Any]:
-        return {"even": rng.random(9)}
+        return {"even": rng.random(9 + 2 * self.version)}
 
     def lay(self, drawn: dict[str, np.ndarray]) -> Start:
         even, xp = drawn["even"][..., None, None], array_namespace(drawn["even"])
         yaw, side = (between(even[:, i], -np.pi, np.pi)[:, None] for i in range(2))
-        away, phase = OFFSET * xp.sqrt(even[:, 2:3]), between(even[:, 3:5], -np.pi, np.pi)
+        (nearest, farthest), phase = self.beside, between(even[:, 3:5], -np.pi, np.pi)
+        away = nearest + (farthest - nearest) * xp.sqrt(even[:, 2:3])
         height, wave = between(even[:, 5:6], *DROP), between(even[:, 6:7], 0.0, WAVE)
         u, v = self.level
         waves = wave * xp.cos(2 * np.pi * u + phase[:, :1]) * xp.cos(2 * np.pi * v + phase[:, 1:])
@@ -97,7 +111,11 @@ class BallDrop(Task):
         y = xp.sin(yaw) * u - xp.cos(yaw) * v + away * xp.sin(side)
         positions = xp.concat([x, y, height + waves], axis=1)
         start = Start.still(positions, {}, xp.broadcast_to(self.bodies, (len(yaw), *self.bodies.shape)))
-        start.velocities[:, :2] = between(even[:, 7:], -DRIFT, DRIFT)
+        start.velocities[:, :2] = between(even[:, 7:9], -DRIFT, DRIFT)
+        if self.version:
+            (near, far), (turn, share) = GOAL, xp.unstack(drawn["even"][:, 9:], axis=1)
+            angle = between(turn, -np.pi, np.pi)
+            start.memory["goal"] = between(share, near, far)[:, None] * xp.stack([xp.cos(angle), xp.sin(angle)], axis=1)
         return start
 
     def controls(self, episode: Episode) -> Controls:
@@ -110,14 +128,27 @@ class BallDrop(Task):
     def marks(self, episode: Episode, member: int) -> list[Mark]:
         middle, ball = self.middle(episode)[member], episode.state.colliders[member, 0, 0]
         below = np.array([*ball[:2], middle[2]])
-        return [line(ball, (*ball[:2], DROP[1])), ring(below, NEAR), dot(middle)]
+        marks = [line(ball, (*ball[:2], DROP[1])), ring(below, NEAR), dot(middle)]
+        if self.version:
+            goal = episode.memory["goal"][member]
+            marks += [ghost(np.array([*goal, CENTRE]), RADIUS), ring(np.array([*goal, 0.0]), BROUGHT)]
+        return marks
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
         ball, velocity = state.colliders[:, 0, 0, :2], state.collider_velocities[:, 0, 0, :2]
         return columns(ball, velocity, self.middle(episode), self.middle_velocity(episode))
 
+    def way(self, episode: Episode) -> np.ndarray:
+        """From the ball's axis to the middle, and from the middle to the goal."""
+        middle = self.middle(episode)[:, :2]
+        return columns(middle - episode.state.colliders[:, 0, 0, :2], episode.memory["goal"] - middle)
+
     def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         middle = self.middle(episode)
         away = middle[:, :2] - episode.state.colliders[:, 0, 0, :2]
-        return length(away), tolerance(away, MARGIN), ramp(middle[:, 2], HELD)
+        caught = tolerance(away, MARGIN), ramp(middle[:, 2], HELD)
+        if not self.version:
+            return length(away), *caught
+        left = middle[:, :2] - episode.memory["goal"]
+        return length(left), tolerance(left, BRING_MARGIN, BRING_LEAST), *caught

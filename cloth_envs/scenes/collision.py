@@ -1,6 +1,7 @@
 """Collision: a ball presses a hanging cloth into a target shape."""
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -25,6 +26,7 @@ GOAL_LOW, GOAL_HIGH = (-0.15, 0.0, -0.9), (0.15, 0.3, -0.5)  # m
 WAVES = 4  # half waves across the width
 HUNG = 0.95  # distance of the hung corners over the cloth's width
 SHAPE_MARGIN = 0.2  # m
+BALL = ("ball x", "ball y", "ball z", "ball vx", "ball vy", "ball vz")
 FREE_STRAIN, STRAIN_MARGIN = 0.03, 0.05  # the overstretch that costs nothing, and that leaves a tenth
 
 
@@ -54,6 +56,10 @@ class Collision(Task):
     ## What Is Modelled
     Springs, damping, bending, gravity, still air, contact and friction with the ball. No self-contact, and no need of
     it: none of the cloth's triangles cross. The ball slides, it doesn't roll, and doesn't feel the cloth.
+
+    ## Version 1
+    The goal of the ball is not told. Before the extras there is by how much each keypoint below the first row is short
+    of its target y: the cloth tells what is to be done.
     """
 
     size = (1.5, 1.0)
@@ -61,13 +67,12 @@ class Collision(Task):
     frame_dt = 0.02
     actions = ("ball velocity x", "ball velocity y", "ball velocity z")
     lattice = (5, 4)
-    extras = (
-        *("ball x", "ball y", "ball z", "ball vx", "ball vy", "ball vz"),
-        *("goal x", "goal y", "goal z"),
-    )
+    extras = (*BALL, "goal x", "goal y", "goal z")
     extras_bound = 20.0
     parts = ("shape", "unstretched")
     away = "the shape error [m]"
+    ways = tuple(f"{row}, {col} short of y" for row in range(1, 5) for col in range(4))
+    revision: ClassVar[Mapping[str, Any]] = {"extras": BALL}
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -119,7 +124,12 @@ class Collision(Task):
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
-        return columns(state.colliders[:, 0, 0], state.collider_velocities[:, 0, 0], episode.memory["goal"])
+        ball = state.colliders[:, 0, 0], state.collider_velocities[:, 0, 0]
+        return columns(*ball) if self.version else columns(*ball, episode.memory["goal"])
+
+    def way(self, episode: Episode) -> np.ndarray:
+        """By how much the keypoints below the first row are short of their target y [m]."""
+        return columns(episode.memory["shape"] - episode.cloth[:, 1, self.shaped])
 
     def shape(self, goal: np.ndarray) -> np.ndarray:
         """Target y of the keypoints below the first row, ``(B, n)`` [m], for ball centres ``goal`` ``(B, 3)``.

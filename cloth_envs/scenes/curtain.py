@@ -55,6 +55,9 @@ class Curtain(Task):
     ## What Is Modelled
     Springs, damping, bending, gravity, still air, rings, contact and friction of pleats with each other. No
     friction of rings on the rail.
+
+    ## Version 1
+    Before the extras also the fraction that is still to be covered, and the swing.
     """
 
     size = (1.5, 1.0)
@@ -66,6 +69,7 @@ class Curtain(Task):
     extras_bound = 20.0
     parts = ("cover", "calm")
     away = "of the covered fraction from the target"
+    ways = ("uncovered", "swing")
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -131,6 +135,9 @@ class Curtain(Task):
         state = episode.state
         corner, velocity = state.positions[:, :2, 0, -1], state.velocities[:, :2, 0, -1]
         return columns(corner, velocity, self.covered(episode), episode.memory["target"])
+
+    def way(self, episode: Episode) -> np.ndarray:
+        return columns(episode.memory["target"] - self.covered(episode), self.speed(episode, 1, 2))
 
     def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         off = self.covered(episode) - episode.memory["target"]

@@ -52,6 +52,9 @@ class Draping(Task):
 
     ## What Is Modelled
     Springs, damping, bending, gravity, still air, contact and friction of the cloth with itself.
+
+    ## Version 1
+    Before the extras also the way from the middle to the goal, and the speed.
     """
 
     size = (1.0, 1.0)
@@ -67,6 +70,7 @@ class Draping(Task):
     extras_bound = 50.0
     parts = ("place", "calm")
     away = "of the middle from the goal [m]"
+    ways = ("to goal x", "to goal y", "to goal z", "speed")
     held: ClassVar[float] = 0.25  # place of the held point along the upper edge, of its length
 
     def __init__(self, scene: Scene) -> None:
@@ -117,6 +121,9 @@ class Draping(Task):
     def observe(self, episode: Episode) -> np.ndarray:
         middle = self.middle(episode), self.middle_velocity(episode)
         return columns(*self.held_point(episode), *middle, episode.memory["goal"])
+
+    def way(self, episode: Episode) -> np.ndarray:
+        return columns(episode.memory["goal"] - self.middle(episode), self.speed(episode))
 
     def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         off = self.middle(episode) - episode.memory["goal"]

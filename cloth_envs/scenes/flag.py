@@ -51,6 +51,10 @@ class Flag(Task):
     ## What Is Modelled
     Springs, damping, bending, gravity, wind with lift on cells, the pole, contact and friction of the flag
     with itself.
+
+    ## Version 1
+    Before the extras also the part of the area that is shown, signed by the side, and the pole's place, its velocity
+    and the wind as parts towards the onlooker and to his left.
     """
 
     size = (1.0, 1.5)
@@ -63,6 +67,10 @@ class Flag(Task):
     parts = ("shown",)
     away = "fraction of the area that is not shown"
     enough = 0.5
+    ways = (
+        *("shown", "pole towards", "pole aside", "pole velocity towards", "pole velocity aside"),
+        *("wind towards", "wind aside"),
+    )
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -120,7 +128,18 @@ class Flag(Task):
         pole, velocity = state.positions[:, :2, 0, 0], state.velocities[:, :2, 0, 0]
         return columns(pole, velocity, state.wind[:, :2], episode.memory["onlooker"])
 
+    def shows(self, episode: Episode) -> np.ndarray:
+        """The part of the area vector towards the onlooker, ``(B,)`` [m^2]; negative of the flag's other side."""
+        return along(loop_area(episode.state.positions, self.border), episode.memory["onlooker"])
+
+    def way(self, episode: Episode) -> np.ndarray:
+        """What is shown of the area, and what moves, as the onlooker sees it: towards him, and to his left."""
+        state, towards, xp = episode.state, episode.memory["onlooker"], array_namespace(episode.action)
+        aside = xp.stack([-towards[:, 1], towards[:, 0]], axis=1)
+        moving = state.positions[:, :, 0, 0], state.velocities[:, :, 0, 0], state.wind
+        seen = [along(vector, way) for vector in moving for way in (towards, aside)]
+        return columns(self.shows(episode) / self.area, *seen)
+
     def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
-        area = loop_area(episode.state.positions, self.border)
-        shown = ramp(abs(along(area, episode.memory["onlooker"])), self.area)
+        shown = ramp(abs(self.shows(episode)), self.area)
         return 1.0 - shown, shown

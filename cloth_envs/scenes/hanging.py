@@ -1,7 +1,8 @@
 """Hanging: a cloth held by one corner is carried to a place and brought to rest."""
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -27,7 +28,8 @@ WRAP = (0.6, 0.85)  # of a full turn, how far the starting cone closes
 EDGE_TURN = 1.4  # of the cone's sine times the cells along a side: edges of few cells would be chords of a narrow one
 SWING = 1.0  # rad/s, largest starting rate of swinging
 PLACE_MARGIN, CALM_MARGIN = 0.5, 1.0  # m, m/s
-NEAR = within(PLACE_MARGIN)  # m, distance of the goal that is near enough
+FAR_MARGIN, NEAR_MARGIN, REST_MARGIN = 1.0, 0.25, 0.5  # m, m, m/s, of version 1
+NEAR, NEARER = within(PLACE_MARGIN), 0.075  # m, distances of the goal that are near enough in versions 0 and 1
 
 
 @documented
@@ -56,6 +58,11 @@ class Hanging(Task):
     ## What Is Modelled
     Springs, damping, bending, gravity, still air, the breeze as a small pressure along the normals, contact
     and friction of the cloth with itself.
+
+    ## Version 1
+    Before the extras also the way from the middle to the goal, and the speed. The reward is `approach * (1 +
+    tolerance(speed, 0.5 m/s)) / 2`; approach is the mean of `tolerance(distance, 1 m)`, which is felt from everywhere,
+    and `tolerance(distance, 0.25 m)`.
     """
 
     size = (1.0, 1.0)
@@ -71,6 +78,9 @@ class Hanging(Task):
     extras_bound = 50.0
     parts = ("place", "calm")
     away = "of the middle from the goal [m]"
+    ways = ("to goal x", "to goal y", "to goal z", "speed")
+    near: ClassVar[float] = NEAR
+    revision: ClassVar[Mapping[str, Any]] = {"parts": ("approach", "calm"), "near": NEARER}
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
@@ -126,7 +136,7 @@ class Hanging(Task):
 
     def marks(self, episode: Episode, member: int) -> list[Mark]:
         middle, goal = self.middle(episode)[member], episode.memory["goal"][member]
-        return [line(middle, goal), ghost(goal, NEAR), dot(middle)]
+        return [line(middle, goal), ghost(goal, self.near), dot(middle)]
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
@@ -134,6 +144,12 @@ class Hanging(Task):
         middle = self.middle(episode), self.middle_velocity(episode)
         return columns(corner, velocity, *middle, episode.memory["goal"], state.pressure)
 
+    def way(self, episode: Episode) -> np.ndarray:
+        return columns(episode.memory["goal"] - self.middle(episode), self.speed(episode))
+
     def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
-        off = self.middle(episode) - episode.memory["goal"]
-        return length(off), tolerance(off, PLACE_MARGIN), tolerance(self.speed(episode), CALM_MARGIN, 0.25)
+        off, speed = self.middle(episode) - episode.memory["goal"], self.speed(episode)
+        if not self.version:
+            return length(off), tolerance(off, PLACE_MARGIN), tolerance(speed, CALM_MARGIN, 0.25)
+        approach = 0.5 * (tolerance(off, FAR_MARGIN) + tolerance(off, NEAR_MARGIN))
+        return length(off), approach, tolerance(speed, REST_MARGIN, 0.5)

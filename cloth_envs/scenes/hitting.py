@@ -53,6 +53,9 @@ class Hitting(Task):
     ## What Is Modelled
     Springs, damping, bending, gravity, still air, contact and friction with the ball and of the cloth with itself. The
     ball slides, it doesn't roll, and doesn't feel the cloth.
+
+    ## Version 1
+    Before the extras also the ways from the vertex to the target, and from the ball to the vertex.
     """
 
     size = (1.0, 1.0)
@@ -68,6 +71,7 @@ class Hitting(Task):
     extras_bound = 50.0
     parts = ("place",)
     away = "of the marked vertex from the target [m]"
+    ways = ("to target x", "to target y", "to target z", "to vertex x", "to vertex y", "to vertex z")
     radius: ClassVar[float] = 0.15  # m, of the ball
 
     def __init__(self, scene: Scene) -> None:
@@ -122,6 +126,11 @@ class Hitting(Task):
         vertex = self.vertex(episode, state.positions), self.vertex(episode, state.velocities)
         ball = state.colliders[:, 0, 0], state.collider_velocities[:, 0, 0]
         return columns(*ball, *vertex, episode.memory["target"])
+
+    def way(self, episode: Episode) -> np.ndarray:
+        """From the vertex to the target, and from the ball to the vertex."""
+        vertex = self.vertex(episode, episode.state.positions)
+        return columns(episode.memory["target"] - vertex, vertex - episode.state.colliders[:, 0, 0])
 
     def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         off = self.vertex(episode, episode.state.positions) - episode.memory["target"]

@@ -33,6 +33,11 @@ def within(margin: float, earned: float = 0.9) -> float:
     return margin * sqrt(log(earned) / log(0.1))
 
 
+def change(now: np.ndarray, before: np.ndarray | float) -> np.ndarray:
+    """Mean absolute change of the components of vectors ``(B, n)``, ``(B,)``."""
+    return abs(now - before).sum(1) / now.shape[1]
+
+
 def length(vector: np.ndarray) -> np.ndarray:
     """Lengths of vectors ``(B, n)``, ``(B,)``."""
     return (vector * vector).sum(1) ** 0.5

@@ -1,6 +1,7 @@
 """Pressure: a pinned sheet is inflated so that its apex follows a moving height."""
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -19,6 +20,7 @@ FULL_PRESSURE = 40.0  # Pa
 PUMP = 0.06  # s, time in which the pressure approaches the wanted one
 TARGET_HEIGHT = 0.15  # m, times a gust signal in [-1, 1]
 PREVIEW = [0.0, 0.1]  # s, the target is shown now and ahead
+AHEAD = [0.0, 0.1, 0.2, 0.3, 0.4]  # s, in version 1
 MARGIN = 0.05  # m
 RING = 0.15  # m, radius of the mark at the target height
 BULGE = 0.04  # m, largest starting apex height
@@ -49,6 +51,10 @@ class Pressure(Task):
     ## What Is Modelled
     Springs, damping, bending, gravity, still air, pressure along the normals, pinned border. The air's own mass and
     flow are not. No self-contact, and no need of it: none of the sheet's triangles cross.
+
+    ## Version 1
+    The target moves by up to 22 cm, full pressure is 80 Pa (the number among the extras is over that). Before the
+    extras also the way from the apex to the target now and in 0.1, 0.2, 0.3 and 0.4 s.
     """
 
     size = (1.0, 1.0)
@@ -60,10 +66,14 @@ class Pressure(Task):
     extras_bound = 50.0
     parts = ("height",)
     away = "of the apex from the target height [m]"
+    ways = ("to target", *(f"to target in {ahead:g} s" for ahead in AHEAD[1:]))
+    rise: ClassVar[float] = TARGET_HEIGHT
+    full: ClassVar[float] = FULL_PRESSURE
+    revision: ClassVar[Mapping[str, Any]] = {"rise": 0.22, "full": 80.0}
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self.preview = np.array([PREVIEW])
+        self.preview, self.ahead = np.array([PREVIEW]), np.array([AHEAD])
         v, u = (np.linspace(0.0, 1.0, n) for n in scene.grid.shape)
         self.level = np.stack(np.meshgrid((u - 0.5) * scene.grid.width, (0.5 - v) * scene.grid.height))
         self.dome = np.outer(np.sin(np.pi * v), np.sin(np.pi * u))
@@ -87,21 +97,26 @@ class Pressure(Task):
     def controls(self, episode: Episode) -> Controls:
         controls = self.hold(episode)
         share = self.frame_dt / PUMP
-        controls.pressure = pump(episode.state.pressure, episode.action[:, 0], FULL_PRESSURE, share)
+        controls.pressure = pump(episode.state.pressure, episode.action[:, 0], self.full, share)
         return controls
 
     def target(self, episode: Episode) -> np.ndarray:
         """The wanted apex height now and in 0.1 s, ``(B, 2)`` [m]."""
-        return TARGET_HEIGHT * gust(episode.memory["tones"], episode.state.time[:, None] + self.preview)
+        return self.rise * gust(episode.memory["tones"], episode.state.time[:, None] + self.preview)
+
+    def way(self, episode: Episode) -> np.ndarray:
+        """From the apex to where it should be, now and ahead."""
+        wanted = self.rise * gust(episode.memory["tones"], episode.state.time[:, None] + self.ahead)
+        return columns(wanted - episode.cloth[:, 2, self.apex][:, None])
 
     def marks(self, episode: Episode, member: int) -> list[Mark]:
         apex, target = episode.cloth[member, :, self.apex], self.target(episode)[member, 0]
-        ruler = line((0.0, 0.0, -TARGET_HEIGHT), (0.0, 0.0, TARGET_HEIGHT), own=True)
+        ruler = line((0.0, 0.0, -self.rise), (0.0, 0.0, self.rise), own=True)
         return [ruler, dot(apex), ring(np.array([0.0, 0.0, target]), RING)]
 
     def observe(self, episode: Episode) -> np.ndarray:
         height, velocity = episode.cloth[:, 2, self.apex], episode.cloth_velocity[:, 2, self.apex]
-        return columns(height, velocity, episode.state.pressure / FULL_PRESSURE, self.target(episode))
+        return columns(height, velocity, episode.state.pressure / self.full, self.target(episode))
 
     def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         off = episode.cloth[:, 2, self.apex] - self.target(episode)[:, 0]

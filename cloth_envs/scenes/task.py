@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
+from functools import cache, reduce
 from inspect import cleandoc
 from operator import mul
 from typing import Any, ClassVar
@@ -15,6 +15,7 @@ from cloth_envs.failure import MAX_STRAIN
 from cloth_envs.grid import Grid
 from cloth_envs.marks import Mark
 from cloth_envs.material import Material
+from cloth_envs.naming import REVISED
 from cloth_envs.registry import EPISODE_FRAMES
 from cloth_envs.scene import Scene
 from cloth_envs.scenes import drives, measures
@@ -24,6 +25,9 @@ from cloth_envs.state import Controls, State
 TOLD = frozenset(
     (
         "observe",
+        "way",
+        "ways",
+        "revision",
         "extras",
         "extras_bound",
         "lattice",
@@ -66,11 +70,15 @@ class Start:
 
 @dataclass
 class Episode:
-    """What a task sees at a step: the batch's state, its memory ``(B, ...)`` and the clipped action ``(B, A)``."""
+    """What a task sees at a step: the batch's state, its memory ``(B, ...)`` and the clipped action ``(B, A)``.
+
+    ``action`` is 0 at an episode's start; ``before`` is that of the frame before, or a number for all.
+    """
 
     state: State
     memory: dict[str, np.ndarray]
     action: np.ndarray
+    before: np.ndarray | float = 0.0
 
     @property
     def cloth(self) -> np.ndarray:
@@ -99,7 +107,10 @@ class Task(ABC):
     extras_bound: ClassVar[float] = 100.0  # on their absolute value
     parts: ClassVar[tuple[str, ...]] = ()  # names of what the reward is the product of, for those with a ``score``
     away: ClassVar[str] = ""  # what the distance to the goal is
-    enough: ClassVar[float] = 0.9  # of every part, for success
+    enough: ClassVar[float] = 0.9  # of every part but effort, for success
+    ways: ClassVar[tuple[str, ...]] = ()  # names of what ``way`` gives
+    version: ClassVar[int] = 0  # of the task; from 1 on effort is priced, last actions and ``ways`` are told
+    revision: ClassVar[Mapping[str, Any]] = {}  # what version 1 has in the place of this class's attributes
     material: ClassVar[Material] = Material()
     max_strain: ClassVar[float] = MAX_STRAIN  # of an edge, at which an episode ends as overstretched
     drive: drives.Drive  # what the action moves, in scenes where it moves something
@@ -158,6 +169,16 @@ class Task(ABC):
             cls.start = _one_of(cls)  # type: ignore[method-assign, assignment]
         if "reward" in own and "score" not in own:
             cls.parts = ()  # they make another reward
+
+    @classmethod
+    @cache
+    def revised(cls) -> "type[Task]":
+        """Version 1 of the task: this class with its ``revision``."""
+        own = {"version": 1, "__module__": cls.__module__, "__doc__": cls.__doc__, **cls.revision}
+        told = own.get("extras", cls.extras)
+        own["extras"] = (*(f"last {name}" for name in cls.actions), *cls.ways, *told)
+        own["parts"] = (*own.get("parts", cls.parts), "effort")
+        return type(f"{cls.__name__}{REVISED}", (cls,), own)
 
     def start(self, rng: np.random.Generator) -> Start:
         """A random start; draws only from ``rng``. A scene has this, or ``draw`` and ``lay``."""
@@ -228,7 +249,16 @@ class Task(ABC):
 
     @abstractmethod
     def observe(self, episode: Episode) -> np.ndarray:
-        """The extras, ``(B, len(extras))``."""
+        """The extras, ``(B, len(extras))``; of version 1 the last of them."""
+
+    def way(self, episode: Episode) -> np.ndarray:
+        """What is left to do, ``(B, len(ways))``: the goal less what has to get there, in the task's own measures."""
+        raise NotImplementedError(f"{type(self).__name__} has no way, which version 1 tells")
+
+    def numbers(self, episode: Episode) -> np.ndarray:
+        """The extras, ``(B, len(extras))``: of version 1 the last action, the ways, then what ``observe`` gives."""
+        told = self.observe(episode)
+        return measures.columns(episode.action, self.way(episode), told) if self.version else told
 
     def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         """The distance to the goal, then ``parts`` in [0, 1], ``(B,)`` each, new arrays.
@@ -244,18 +274,24 @@ class Task(ABC):
 
     def reward(self, episode: Episode) -> np.ndarray:
         """``(B,)`` in [0, 1]: the product of the parts, where a scene has no other."""
-        return _product(self.score(episode)[1:])
+        return _product(self._scores(episode, measures.change(episode.action, episode.before))[1:])
 
     def judge(self, episode: Episode) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-        """The reward and the score of a frame, of which what is measured is measured once."""
-        scores = self.score(episode)
+        """The reward of a frame, and the change of the action with the score, each measured once."""
+        change = measures.change(episode.action, episode.before)
+        scores = self._scores(episode, change)
         own = type(self).reward is not Task.reward
-        return self.reward(episode) if own else _product(scores[1:]), scores
+        return self.reward(episode) if own else _product(scores[1:]), (change, *scores)
+
+    def _scores(self, episode: Episode, change: np.ndarray) -> tuple[np.ndarray, ...]:
+        """The distance and all ``parts``: of version 1 effort too, 0 where an action turns from bound to bound."""
+        scores = self.score(episode)
+        return (*scores, 1.0 - 0.5 * change) if self.version else scores
 
     def met(self, parts: Sequence[np.ndarray]) -> np.ndarray:
-        """Whether a frame of these ``parts`` is a success, bool ``(B,)``: each is at least ``enough``."""
+        """Whether a frame of these ``parts`` is a success, bool ``(B,)``: each but effort is at least ``enough``."""
         met = parts[0] >= self.enough
-        for part in parts[1:]:
+        for part in parts[1 : len(parts) - (self.version > 0)]:
             met = met & (part >= self.enough)
         return met
 
@@ -294,12 +330,16 @@ Truncated after {n} frames ({n * task.frame_dt:g} s). Terminated when the simula
 
 ## Info
 On every step: {told}, whose product is the reward; `distance`, {task.away}; `success`,
-whether every part is at least {task.enough:g}; `strain`, the largest of an edge. More is in docs/using.md.
+whether every part is at least {task.enough:g}; `strain`, the largest of an edge; `change`, the mean absolute change of
+the action's components since the frame before. More is in docs/using.md.
 
 ## Arguments
 `backend`, `backend_kwargs`, `obs`, `material`, `randomize`, `observe_material`, `resolution`, `preset`, `self_contact`,
 `render_mode`: see `ClothEnv`.
 
 ## Version History
-v0: first version."""
+v0: first version.
+v1: `MiniCloth-{task.__name__}-v1`, what *Version 1* says above, and as in all scenes: before the extras are the last
+action and what is left to do; the reward is multiplied by `reward_effort`, 1 - `change` / 2, which success leaves
+out."""
     return task

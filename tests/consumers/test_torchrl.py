@@ -26,7 +26,7 @@ def envs() -> Any:
 
 
 @pytest.mark.parametrize("obs", ["keypoints", "mesh"])
-@pytest.mark.parametrize("scene", list(cloth_envs.SCENES))
+@pytest.mark.parametrize("scene", list(cloth_envs.EPISODE_FRAMES))
 def test_specs_of_single_environments(envs: Any, scene: str, obs: str) -> None:
     envs.check_env_specs(envs.GymWrapper(gym.make(cloth_envs.env_id(scene), obs=obs, **SMALL)))
 

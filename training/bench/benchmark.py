@@ -29,6 +29,7 @@ BENCHMARKS: dict[str, str] = {
     "stability": "training.bench.stability.run",
     "transfer": "training.bench.transfer.run",
     "agents": "training.bench.agents.run",
+    "tasks": "training.bench.tasks",
     "choices": "training.bench.choices",
     "outside": "training.bench.outside",
     "mesh": "training.bench.mesh",

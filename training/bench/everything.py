@@ -26,9 +26,10 @@ from training.bench.benchmark import BENCHMARKS, Benchmark, check_header, check_
 from training.bench.children import Children
 from training.rows import Store, read_names
 
-# All but those of kernels, cards, solvers, single sheets, pairs, other programs, other papers and of a
+# All but those of tasks, kernels, cards, solvers, single sheets, pairs, other programs, other papers and of a
 # million steps, and the one whose table ``backend="auto"`` reads: it is made first, and is code of the others.
 APART = (
+    "tasks",
     "throughput",
     "convergence",
     "folds",

@@ -18,7 +18,7 @@ import torch
 from cloth_envs.agents import load_policy
 from cloth_envs.evaluation import Policy, Verdict, play
 from cloth_envs.progress import progress
-from cloth_envs.registry import SCENES
+from cloth_envs.registry import EPISODE_FRAMES, SCENES
 from training.bench.agents.chart import draw
 from training.bench.agents.rows import (
     FLOOR_STEM,
@@ -169,6 +169,7 @@ BENCHMARK = Benchmark(
     ],
     measure=measure,
     scenes=tuple(SCENES),
+    known=tuple(EPISODE_FRAMES),
     pieces=[("--scenes", scene, "--schedules", name) for name in SCHEDULES for scene in SCENES],
     charts={STEM: "Reward on the reference against training time, by what agents were trained on"},
     draw=draw,
