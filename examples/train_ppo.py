@@ -1,7 +1,7 @@
 """Proximal policy optimisation (Schulman et al. 2017) that trains on cheap physics first and on the reference last.
 
-python examples/train_ppo.py Hanging --out hanging.pt
-minicloth evaluate hanging.pt --scene Hanging
+python examples/train_ppo.py Hanging-v1 --out hanging.pt
+minicloth evaluate hanging.pt --scene Hanging-v1
 
 STAGES are shares of all frames, so that few are the reference's; each goes on with the policy of the last.
 """
@@ -20,7 +20,7 @@ from torch import nn
 import cloth_envs
 
 STAGES = [("miniature", {"factor": 4}, 0.80), ("miniature", {"factor": 2}, 0.16), ("reference", {}, 0.04)]
-MEMBERS, STEPS, EPOCHS, BATCH = 32, 64, 6, 512
+MEMBERS, STEPS, EPOCHS, BATCH = 32, 64, 10, 512
 DISCOUNT, TRACE, CLIP, RATE = 0.99, 0.95, 0.2, 5e-4
 
 

@@ -61,6 +61,7 @@ def test_a_run_is_scored_at_its_points_and_goes_on_where_it_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(agents, "HELD_OUT", range(2))
+    monkeypatch.setattr(agents, "CERTIFIED", range(2, 4))
     stages = [("miniature", {"factor": 4}, 0.5), ("miniature", {"factor": 3}, 0.5)]
     monkeypatch.setattr(agents, "SCHEDULES", {"one": [("miniature", {"factor": 4}, 1.0)], "both": stages})
     work = agents.Work(2.0, 2, 3)

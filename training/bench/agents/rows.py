@@ -19,7 +19,7 @@ class AgentRow:
 
     ``reward`` is the mean a frame on the reference, ``success`` the share of episodes that end in it. ``gap`` is what
     the policy earns more, on the same seeds, on the physics that it began on, ``gap_half`` half of its 95 % interval;
-    0 before the last point. ``failed`` counts episodes of the training that failed.
+    0 before the last point, which is scored on more seeds. ``failed`` counts episodes of the training that failed.
     """
 
     scene: str
@@ -38,7 +38,7 @@ class AgentRow:
 
 @dataclass(frozen=True)
 class FloorRow:
-    """What ``who``, which learns nothing, earns on the same seeds on the reference."""
+    """What ``who``, which learns nothing, earns on the seeds of the last point on the reference."""
 
     scene: str
     who: str

@@ -17,8 +17,9 @@ import torch
 
 from cloth_envs.agents import load_policy
 from cloth_envs.evaluation import Policy, Verdict, play
+from cloth_envs.files import check_folder
 from cloth_envs.progress import progress
-from cloth_envs.registry import EPISODE_FRAMES, SCENES
+from cloth_envs.registry import EPISODE_FRAMES, REVISED, SCENES
 from training.bench.agents.chart import draw
 from training.bench.agents.rows import (
     FLOOR_STEM,
@@ -45,7 +46,9 @@ SCHEDULES: dict[str, Sequence[Stage]] = {
     "miniature x2": [(*X2, 1.0)],
     REFERENCE: [("reference", {}, 1.0)],
 }
-HELD_OUT = range(900_000, 900_008)
+HELD_OUT = range(900_000, 900_008)  # seeds at the points of a training
+CERTIFIED = range(900_100, 900_132)  # and at its end
+TASKS = tuple(name + REVISED for name in SCENES)
 KEY = ("scene", "schedule", "seed", "point")
 
 
@@ -120,23 +123,26 @@ def fill(session: Session, scene: str, schedule: str, seed: int, work: Work) -> 
     store, floors = session.store(STEM), session.store(FLOOR_STEM)
     for who in (ZERO, HAND):
         if (scene, who) not in floors:
-            found = play(scene, load_policy(who, scene), HELD_OUT, frames=work.frames)
+            found = play(scene, load_policy(who, scene), CERTIFIED, frames=work.frames)
             floors.add(FloorRow(scene, who, round(found.reward.mean(), 4), round(found.success.mean(), 4)))
     if (scene, schedule, seed, work.points) in store:
         return
     training, stages, rows = Training(), SCHEDULES[schedule], []
     for point in training.run(scene, stages, seed, work.seconds, work.points):
-        true = play(scene, training.policy(), HELD_OUT, frames=work.frames)
+        seeds = CERTIFIED if point == work.points else HELD_OUT
+        true = play(scene, training.policy(), seeds, frames=work.frames)
         gap = (0.0, 0.0)
         if point == work.points and stages[0][0] != "reference":
             backend, options, _ = stages[0]
-            own = play(scene, training.policy(), HELD_OUT, frames=work.frames, backend=backend, backend_kwargs=options)
+            own = play(scene, training.policy(), seeds, frames=work.frames, backend=backend, backend_kwargs=options)
             verdict = Verdict(own, true)
             gap = verdict.gap.mean, verdict.gap.half
         cost = round(training.seconds, 1), training.frames, training.reference_frames
         earned = float(true.reward.mean()), float(true.success.mean())
         rows.append(rounded(AgentRow(scene, schedule, seed, point, *cost, *earned, *gap, training.failed)))
     store.add(*rows)
+    if session.given.policies is not None:
+        training.agent.save(str(session.given.policies / f"{scene}_{schedule.replace(' ', '_')}_{seed}.pt"))
 
 
 def measure(session: Session) -> None:
@@ -144,7 +150,10 @@ def measure(session: Session) -> None:
     given = session.given
     work = Work(4.0, 2, 20) if session.quick else Work(given.seconds, 5)
     names = read_names(given.schedules, list(SCHEDULES), "schedule")
-    session.about |= {"threads": 1, "seconds": work.seconds, "held_out": list(HELD_OUT), "schedules": SCHEDULES}
+    if given.policies is not None:
+        check_folder(given.policies)
+    held_out = {"held_out": list(HELD_OUT), "certified": [CERTIFIED[0], CERTIFIED[-1]]}
+    session.about |= {"threads": 1, "seconds": work.seconds, **held_out, "schedules": SCHEDULES}
     torch.set_num_threads(1)
     scenes = session.scenes[:1] if session.quick else session.scenes
     jobs = [(s, n, seed) for seed in range(1 if session.quick else given.seeds) for n in names for s in scenes]
@@ -156,6 +165,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     """Its own."""
     parser.add_argument("--seeds", type=int, default=5, help="trainings of each scene and schedule (default 5)")
     parser.add_argument("--seconds", type=float, default=130.0, help="processor time of a training (default 130)")
+    parser.add_argument("--policies", type=Path, metavar="DIR", help="keep policies there, for minicloth evaluate")
     parser.add_argument("--schedules", default=",".join(SCHEDULES), help="default: %(default)s")
 
 
@@ -168,9 +178,9 @@ BENCHMARK = Benchmark(
         Part("Costs, gaps and successes of trainings", (STEM,), costs),
     ],
     measure=measure,
-    scenes=tuple(SCENES),
+    scenes=TASKS,
     known=tuple(EPISODE_FRAMES),
-    pieces=[("--scenes", scene, "--schedules", name) for name in SCHEDULES for scene in SCENES],
+    pieces=[("--scenes", scene, "--schedules", name) for name in SCHEDULES for scene in TASKS],
     charts={STEM: "Reward on the reference against training time, by what agents were trained on"},
     draw=draw,
     options=options,
