@@ -266,7 +266,7 @@ def test_a_published_training_learns_and_is_kept(tmp_path: Path, monkeypatch: py
         published.test(recipe, net, Aligned.of(frames), Aligned.of(frames).range())["psnr"] > told["curve"][0][1] + 10
     )
     for _ in range(2):
-        published.run(["all"], Aligned.of(frames), Aligned.of(frames), 0.1, tmp_path)
+        published.run(["all"], Aligned.of(frames), Aligned.of(frames), 0.1, tmp_path, "Draping")
         monkeypatch.setattr(published, "train", None)  # not called again
     assert set(loads((tmp_path / "published.json").read_text())) == {"all"}
 

@@ -25,7 +25,8 @@ from surrogates.superres.image import Range
 from surrogates.superres.published import MeshSr, Mfsr
 from training.cache import cache_folder
 from training.fit import Kept, Rate, cosine, fit
-from training.rows import read_names
+from training.rows import read_names, write_rows
+from training.superres.convergence import CONVERGENCE, convergence
 from training.superres.frames import Aligned, frames_of, score
 from training.superres.losses import ALL, Weights, feature_psnr, loss, positions
 from training.superres.pairs import SPLITS, read, sequences
@@ -183,8 +184,11 @@ def test(recipe: Recipe, net: torch.nn.Module, held: Aligned, scale: Range) -> d
     return score(held, scale, guess, held.pairs.starts(1, 0).tolist())
 
 
-def run(names: Sequence[str], pairs: Aligned, held: Aligned, seconds: float, out: Path) -> None:
-    """Train each of ``RECIPES`` for so long, score it, write its weights and ``<out>/published.json`` after each."""
+def run(names: Sequence[str], pairs: Aligned, held: Aligned, seconds: float, out: Path, scene: str) -> None:
+    """Train each of ``RECIPES`` for so long, score it, write its weights and ``<out>/published.json`` after each.
+
+    The curves are in ``<out>/superres_convergence.csv`` too, for the chart of ``minicloth bench super-resolution``.
+    """
     scale, told = pairs.range(), out / "published.json"
     rows: dict[str, Any] = read_json(told, remedy="remove it") if told.is_file() else {}
     for name in names:
@@ -195,6 +199,7 @@ def run(names: Sequence[str], pairs: Aligned, held: Aligned, seconds: float, out
         if name in KEPT:
             torch.save({key: value.half().cpu() for key, value in net.state_dict().items()}, out / f"{name}.pt")
         write_text(told, json.dumps(rows, indent=1) + "\n")
+        write_rows(out / f"{CONVERGENCE}.csv", convergence(scene, rows))
         print(name, {key: value for key, value in rows[name].items() if key not in ("curve", "recipe")}, flush=True)
 
 
@@ -217,5 +222,5 @@ def main(argv: Sequence[str] | None = None) -> int:
         Aligned.of(frames_of([read(path, part) for path in sequences(folder, split)])[0].to(torch.device(device)))
         for split in SPLITS
     )
-    run(names, learnt, tested, given.seconds, given.out)
+    run(names, learnt, tested, given.seconds, given.out, given.scene)
     return 0
