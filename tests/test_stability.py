@@ -229,6 +229,9 @@ def test_worlds_are_what_they_say() -> None:
     np.testing.assert_allclose(way, [0, 8 * ball.scene.frame_dt, 0], atol=1e-12)
     assert ball.controls[-1].colliders[0, 0, 0, 1] == pytest.approx(0.3)
     assert len(worlds(None, list(AXES), range(5), ends=False)) > 300
+    detailed = [world for world in worlds(None, ["mass"], (300, 301), ends=True) if world[2] in DETAILED]
+    assert {(scene, seed) for _, _, scene, seed in detailed} == {(scene, 300) for scene in DETAILED}
+    assert episode(Base("Draping", 300, 4), 1).scene.grid.shape == (28, 27)
     wild = AXES["bang-bang"].make(base, 30.0)
     assert [len(c.handle_positions) for c in wild.controls] == [1] * 30
     assert list(AXES["bang-bang"].of(None)) == [*MEASURED, *DETAILED]

@@ -20,10 +20,10 @@ from cloth_envs.registry import PRESETS, make_backend
 from cloth_envs.world import World
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.participants import Participant, extra
+from training.bench.superres.chart import PICTURES, draw, pictures
 from training.metrics.contact import crossing_triangles, inside
 from training.metrics.detail import fine_detail
 from training.metrics.errors import vertex_error
-from training.bench.superres.chart import PICTURES, draw, pictures
 from training.rollouts import record, replay
 from training.rows import rounded
 from training.superres.convergence import CONVERGENCE, ConvergenceRow
