@@ -99,6 +99,22 @@ def test_another_material_is_told() -> None:
     assert world.surrogate[0].startswith("similar, mfsr: areal_density")
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"self_contact": False}, "no self-contact, trained with it"),
+        ({"backend_kwargs": {"solver": "admm"}}, "solver 'admm', trained on 'explicit'"),
+    ],
+)
+def test_other_physics_of_the_coarse_cloth_is_told(options: dict[str, Any], words: str) -> None:
+    world = World("Draping", preset=SEQUENCE, backend="mfsr", **options)
+    world.reset({0: np_random(0)[0]})
+    assert world.surrogate[0] == f"similar, mfsr: {words}"
+    strict = options.get("backend_kwargs", {}) | {"strict": True}
+    with pytest.raises(ValueError, match=f"strict=True: {words}"):
+        World("Draping", preset=SEQUENCE, backend="mfsr", **options | {"backend_kwargs": strict})
+
+
 def test_strict_refuses_other_materials_however_they_come() -> None:
     """As the scene's, drawn at a reset, or with a state; what it has is told as elsewhere."""
     strict: dict[str, Any] = {"preset": SEQUENCE, "backend": "mfsr", "backend_kwargs": {"strict": True}}

@@ -286,6 +286,19 @@ def test_test_dances_are_as_unlike_those_of_training_as_these_are_to_each_other(
     assert min(apart[5:]) > 0.8 * np.mean(apart[:5])
 
 
+@pytest.mark.parametrize("sequence", [11, 34])
+def test_the_sphere_of_chen2020_is_not_driven_into_the_clips(sequence: int) -> None:
+    """Where it was, it pressed the cloth through itself."""
+    world = World("Hitting", preset={"name": "chen2020", "sequence": sequence}, resolution=(28, 27))
+    world.reset({0: np.random.default_rng(0)})
+    radius, tops = world.scene.colliders[0].radius, []
+    for _ in range(60):
+        world.step(np.array([[0.0, 0.0, 1.0]]))
+        tops.append(world.state.colliders[0, 0, 0, 2] + radius)
+    assert max(tops) == pytest.approx(-chen2020.BELOW, abs=2e-3)
+    assert max(tops) <= -chen2020.BELOW + 1e-6
+
+
 def test_the_sphere_of_chen2020_crosses_back_and_forth() -> None:
     world = World("Hitting", preset={"name": "chen2020", "sequence": 3}, resolution=(28, 27))
     world.reset({0: np.random.default_rng(0)})

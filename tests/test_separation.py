@@ -104,13 +104,45 @@ def test_facets_that_cross_at_a_common_vertex_are_drawn_apart() -> None:
     assert controls is not None
     grid, x = upscaled(world).coarse.scene.grid, coarse.positions
     x[0, ..., 1:] = x[0, :, :1, :1] + grid.row_spacing * CREASED
-    facets = np.empty((1, 3, *world.scene.grid.shape), np.float32)
-    facets[..., ::2, ::2], facets[..., 1::2, ::2] = x, (x[..., 1:, :] + x[..., :-1, :]) / 2
-    facets[..., ::2, 1::2] = (x[..., 1:] + x[..., :-1]) / 2
-    facets[..., 1::2, 1::2] = (x[..., 1:, 1:] + x[..., :-1, :-1]) / 2
     assert crossing_triangles(grid, x)[0] == 0
-    assert crossing_triangles(world.scene.grid, facets)[0] > 0
+    assert crossing_triangles(world.scene.grid, facets(x))[0] > 0
     assert crossing_triangles(world.scene.grid, apart([coarse], controls).positions)[0] == 0
+
+
+def facets(x: np.ndarray) -> np.ndarray:
+    """The triangles of a coarse cloth ``(1, 3, h, w)``, each divided into four."""
+    fine = np.empty((1, 3, *(2 * n - 1 for n in x.shape[2:])), np.float32)
+    fine[..., ::2, ::2], fine[..., 1::2, ::2] = x, (x[..., 1:, :] + x[..., :-1, :]) / 2
+    fine[..., ::2, 1::2] = (x[..., 1:] + x[..., :-1]) / 2
+    fine[..., 1::2, 1::2] = (x[..., 1:, 1:] + x[..., :-1, :-1]) / 2
+    return fine
+
+
+@pytest.mark.parametrize("noise", [0.3, 0.5, 0.8])
+def test_where_the_coarse_cloth_crosses_no_more_is_drawn_than_its_facets_have(noise: float) -> None:
+    world = World("Curtain", resolution=(33, 25), self_contact=True, backend="miniature", backend_kwargs={"factor": 2})
+    plain, apart = fine_cloths(world)
+    world.reset({0: np_random(0)[0]})
+    world.step(np.zeros((1, world.action_space.shape[0]), np.float32))
+    coarse, controls, rng = upscaled(world).coarse.history[-1], world.controls, np.random.default_rng(1)
+    assert controls is not None
+    tangled, fewer, grid, cell = 0, 0, upscaled(world).coarse.scene.grid, world.scene.grid.row_spacing * 2
+    for _ in range(40):
+        crumpled = coarse.copy()
+        crumpled.positions[:, :, 4:] += noise * cell * rng.normal(size=coarse.positions[:, :, 4:].shape)  # none is held
+        tangled += crossing_triangles(grid, crumpled.positions)[0] > 0
+        most, drawn, smooth = (
+            int(crossing_triangles(world.scene.grid, cloth)[0])
+            for cloth in (
+                facets(crumpled.positions),
+                apart([crumpled], controls).positions,
+                plain([crumpled], controls).positions,
+            )
+        )
+        assert drawn <= most
+        fewer += drawn < smooth
+    assert tangled > 20
+    assert fewer > 20
 
 
 def test_threads_and_batches_change_no_bit() -> None:

@@ -23,7 +23,7 @@ from training.bench.stability.run import worlds
 from training.bench.stability.runs import HEIGHT, Run, pierced, run, score, truths
 from training.bench.stability.worlds import AXES, LENGTHS, Base, Stage, driven, episode, shot
 from training.rows import read_rows
-from training.truth import Case
+from training.truth import DETAILED, Case, unseen
 
 main = find("stability").main
 EXPLICIT = FAMILIES["explicit"][0]
@@ -202,7 +202,7 @@ def test_a_refusal_keeps_its_words(curtain: Stage, true: tuple[Run, Run]) -> Non
 def test_controls_need_no_cloth() -> None:
     """Those of the kinematic script are what the task gives while the truth runs."""
     for scene in SCENES:
-        true = Case(scene, 300, coarse=8).record(3, [0])
+        true = Case(scene, 300, coarse=8, sequence=unseen(scene)).record(3, [0])
         script = episode(Base(scene, 300, 8), 3)
         np.testing.assert_array_equal(script.start.positions, true.states[0].positions)
         for a, b in zip(script.controls, true.controls, strict=True):
@@ -229,9 +229,12 @@ def test_worlds_are_what_they_say() -> None:
     np.testing.assert_allclose(way, [0, 8 * ball.scene.frame_dt, 0], atol=1e-12)
     assert ball.controls[-1].colliders[0, 0, 0, 1] == pytest.approx(0.3)
     assert len(worlds(None, list(AXES), range(5), ends=False)) > 300
+    detailed = [world for world in worlds(None, ["mass"], (300, 301), ends=True) if world[2] in DETAILED]
+    assert {(scene, seed) for _, _, scene, seed in detailed} == {(scene, 300) for scene in DETAILED}
+    assert episode(Base("Draping", 300, 4), 1).scene.grid.shape == (28, 27)
     wild = AXES["bang-bang"].make(base, 30.0)
     assert [len(c.handle_positions) for c in wild.controls] == [1] * 30
-    assert list(AXES["bang-bang"].of(None)) == list(MEASURED)
+    assert list(AXES["bang-bang"].of(None)) == [*MEASURED, *DETAILED]
     assert AXES["bang-bang"].levels[-1] == 200
     assert {scene for _, _, scene, _ in worlds(["BallDrop"], list(AXES), [0], ends=True)} == {"BallDrop"}
 

@@ -25,8 +25,11 @@ from surrogates.superres.image import Alignment, Range, at_rest, image, normals
 from surrogates.superres.network import SuperResolution, convolved, untiled
 from surrogates.superres.published import Conv, MeshSr, Mfsr, tiled
 from surrogates.superres.refine import smoothed
+from training.fit import Kept
 from training.metrics import detail as metrics
+from training.rows import read_rows
 from training.superres import published
+from training.superres.convergence import CONVERGENCE, ConvergenceRow
 from training.superres.detail import Detail, Net, Recipe, ridge, tiles, train
 from training.superres.frames import Aligned, Frames, frames_of
 from training.superres.generate import BACKEND
@@ -266,9 +269,35 @@ def test_a_published_training_learns_and_is_kept(tmp_path: Path, monkeypatch: py
         published.test(recipe, net, Aligned.of(frames), Aligned.of(frames).range())["psnr"] > told["curve"][0][1] + 10
     )
     for _ in range(2):
-        published.run(["all"], Aligned.of(frames), Aligned.of(frames), 0.1, tmp_path)
+        published.run(["all"], Aligned.of(frames), Aligned.of(frames), 0.1, tmp_path, "Draping")
         monkeypatch.setattr(published, "train", None)  # not called again
     assert set(loads((tmp_path / "published.json").read_text())) == {"all"}
+    curve = read_rows(tmp_path / f"{CONVERGENCE}.csv", ConvergenceRow)
+    assert [row.psnr for row in curve if row.feature == "velocity"][-1] > curve[2].psnr
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_a_published_training_that_was_stopped_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    few, many = (torch.from_numpy(crumpled(grid, 1)).repeat(8, 1, 1, 1) for grid in (SMALL, LARGE))
+    pairs = Aligned.of(Frames(few, many, torch.zeros(8), SMALL, LARGE, 0.04))
+    recipe, loss = published.Recipe(size=published.SMALL, windows=1), published.loss
+    whole, told = published.train(recipe, pairs, pairs, pairs.range(), steps=24)
+    left = [17]
+
+    def stopping(*given: Any) -> torch.Tensor:
+        left[0] -= 1
+        if not left[0]:
+            raise KeyboardInterrupt
+        return loss(*given)
+
+    monkeypatch.setattr(published, "loss", stopping)
+    kept = Kept(tmp_path / "all.part", "mark", every=10)
+    with pytest.raises(KeyboardInterrupt):
+        published.train(recipe, pairs, pairs, pairs.range(), steps=24, kept=kept)
+    again, found = published.train(recipe, pairs, pairs, pairs.range(), seconds=1.0, kept=kept)
+    assert (found["steps"], found["curve"]) == (24, told["curve"])
+    for a, b in zip(whole.parameters(), again.parameters(), strict=True):
+        assert torch.equal(a, b)
 
 
 def test_the_published_rate_falls_by_ten_until_the_middle() -> None:

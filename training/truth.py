@@ -9,19 +9,28 @@ import numpy as np
 
 from cloth_envs.grid import coarser
 from cloth_envs.physics.truth import TRUTHS
-from cloth_envs.registry import load_task
+from cloth_envs.presets import load_preset
+from cloth_envs.registry import PRESETS, load_task
 from cloth_envs.scene import Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 from training.cache import cached_arrays, digest
 from training.rollouts import Recording, record, seeded_actions, stack_controls, stack_states
 
+DETAILED = tuple(PRESETS["chen2020"])  # scenes with super-resolution, measured on the grids that it was trained on
+
+
+def unseen(scene: str) -> int | None:
+    """The last sequence of a scene of Chen et al. 2020, which no network was trained on; None of other scenes."""
+    return load_preset(scene, "chen2020").sequences - 1 if scene in DETAILED else None  # type: ignore[attr-defined]
+
 
 @dataclass(frozen=True)
 class Case:
     """One episode under seeded ``actions`` (a policy's name), on a grid ``coarse`` times coarser (1/2: finer).
 
-    ``truth`` is one of TRUTHS, ``self_contact`` as in ``World``.
+    ``truth`` is one of TRUTHS, ``self_contact`` as in ``World``; ``sequence`` is that of ``preset="chen2020"``, without
+    which the scene is its own.
     """
 
     scene: str
@@ -30,11 +39,17 @@ class Case:
     truth: str = "g1"
     self_contact: bool | None = None
     actions: str = "smooth"
+    sequence: int | None = None
+
+    @property
+    def place(self) -> dict[str, Any]:
+        """``preset`` and ``resolution`` of its world."""
+        preset = None if self.sequence is None else {"name": "chen2020", "sequence": self.sequence}
+        task = load_task(self.scene) if preset is None else load_preset(self.scene, preset)
+        return {"preset": preset, "resolution": coarser(task.resolution, self.coarse)}
 
     def world(self) -> World:
-        resolution = coarser(load_task(self.scene).resolution, self.coarse)
-        options = TRUTHS[self.truth]
-        return World(self.scene, backend_kwargs=options, resolution=resolution, self_contact=self.self_contact)
+        return World(self.scene, backend_kwargs=TRUTHS[self.truth], self_contact=self.self_contact, **self.place)
 
     def record(self, frames: int, keep: Iterable[int]) -> Recording:
         """The run, computed.

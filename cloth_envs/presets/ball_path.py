@@ -18,7 +18,12 @@ class BallPath(Task):
 
     def __init__(self, scene: Scene) -> None:
         super().__init__(scene)
-        self.drive = Drive([-REACH] * 3, [REACH] * 3, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
+        self.roam()
+
+    def roam(self, rise: float = REACH) -> None:
+        """Let actions move the ball ``REACH`` from its path at most, but up by no more than ``rise`` [m]."""
+        low, high = [-REACH] * 3, [REACH, REACH, min(REACH, rise)]
+        self.drive = Drive(low, high, speed=SPEED, acceleration=ACCELERATION, dt=self.frame_dt)
 
     @abstractmethod
     def path(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

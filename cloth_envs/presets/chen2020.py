@@ -33,6 +33,7 @@ SEED = 2020
 RADII, TEST_RADIUS = (0.1, 0.15, 0.2, 0.3), 0.25  # m
 END = 0.7  # m, how far from the cloth's plane the sphere turns
 CROSSING_X, CROSSING_Z = 0.35, (-0.85, -0.35)  # m, most aside and the heights below the upper edge where it crosses
+BELOW = 0.05  # m, least from the upper edge down to the sphere: driven into a clip it leaves cloth nowhere to go
 PERIODS = (2.5, 4.5)  # s, there and back
 TEMPO = 0.125  # of the recorded dances
 TESTED = 2 / 7  # of a dance, its end
@@ -111,8 +112,8 @@ class Hitting2020(Chen2020, BallPath, Hitting):
     itself, of another size and at another place in each of 35 sequences of 1000 frames.
 
     ## Action Space
-    As in `Hitting`, but it moves the sphere away from its path, by at most 0.3 m along each axis. With zero actions
-    the sphere keeps to it.
+    As in `Hitting`, but it moves the sphere away from its path, by at most 0.3 m along each axis and not nearer than
+    5 cm to the height of the clips. With zero actions the sphere keeps to it.
 
     ## Starting State
     Hanging in three shallow pleats, the sphere 0.7 m away, drawn by the sequence's number alone: every seed moves
@@ -138,6 +139,7 @@ class Hitting2020(Chen2020, BallPath, Hitting):
         rng = self.drawn()
         self.end, self.period = END * either(rng), rng.uniform(*PERIODS)
         self.crossing = rng.uniform(-CROSSING_X, CROSSING_X), rng.uniform(*CROSSING_Z)  # x, z [m]
+        self.roam(rise=-BELOW - self.radius - self.crossing[1])
 
     def path(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         y, speed = to_and_fro(time, (self.end, -self.end), self.period)

@@ -18,6 +18,7 @@ from surrogates.miniature.coarse import coarse_grid
 from surrogates.superres.features import SCALE
 from surrogates.superres.network import divides, weights_name
 
+SOLVER = "explicit"  # of the coarse cloth in training, with self-contact
 SPACING = 1.1  # times larger or smaller than in training that a side of a coarse cell may be
 
 
@@ -33,7 +34,8 @@ class MfsrBackend(MiniatureBackend):
         strict: raise ValueError where the network was not trained, instead of interpolating bicubically.
 
     Raises:
-        ValueError: a bad argument; ``strict``, and a scene, grid or material that the network was not trained on.
+        ValueError: a bad argument; ``strict``, and a scene, grid, material or physics that the network was not
+            trained on.
     """
 
     def __init__(
@@ -43,12 +45,12 @@ class MfsrBackend(MiniatureBackend):
         num_envs: int = 1,
         guard: bool = True,
         threads: int = 1,
-        solver: str = "explicit",
+        solver: str = SOLVER,
         solver_kwargs: Mapping[str, Any] | None = None,
         strict: bool = False,
     ) -> None:
-        self._name, self._lacks = scene.name, lacks(scene)
-        why = self._lacks or material_beyond(scene.name, scene.material)
+        self._name, self._lacks, self._other = scene.name, lacks(scene), physics_beyond(scene, solver)
+        why = self.beyond(scene.material)
         if true_or_false("strict", strict) and why:
             raise ValueError(f"strict=True: {why}: leave strict out for interpolation, or use the reference")
         super().__init__(
@@ -58,7 +60,7 @@ class MfsrBackend(MiniatureBackend):
 
     def beyond(self, material: Material) -> str:
         """Why a cloth of ``material`` is interpolated or beyond what was trained; empty where it is neither."""
-        return self._lacks or material_beyond(self._name, material)
+        return self._lacks or ", ".join(filter(None, (material_beyond(self._name, material), self._other)))
 
 
 def lacks(scene: Scene) -> str:
@@ -87,3 +89,10 @@ def material_beyond(scene: str, material: Material) -> str:
     other = [f"{key} {value:g}, trained on {trained[key]:g}" for key, value in material.as_dict().items()
              if value != trained[key]]  # fmt: skip
     return ", ".join(other[:2])
+
+
+def physics_beyond(scene: Scene, solver: str) -> str:
+    """Why the network was not trained on the coarse cloth's physics; empty if it was."""
+    if solver != SOLVER:
+        return f"solver {solver!r}, trained on {SOLVER!r}"
+    return "" if scene.self_contact else "no self-contact, trained with it"

@@ -43,7 +43,7 @@ BENCHMARKS: dict[str, str] = {
     "tables": "training.bench.papers.run",
     "throughput": "training.bench.throughput.run",
     "gpu": "training.bench.gpu.run",
-    "super-resolution": "training.bench.superres",
+    "super-resolution": "training.bench.superres.run",
 }
 # Scenes of the stored rows; others are measured where ``--scenes`` names them.
 MEASURED = ("Curtain", "Flag", "Collision", "Pressure", "Hanging", "BallDrop")

@@ -11,6 +11,7 @@ from cloth_envs.places import check_backend_kwargs
 from cloth_envs.registry import load_backend, make_backend
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
+from training.truth import DETAILED
 
 Options = Mapping[str, Any]
 
@@ -106,12 +107,21 @@ FAMILIES: dict[str, list[Participant]] = {
         _miniature("miniature"),  # as an agent meets it
         _miniature("closure learned", 4, scaling="closure", correction="learned"),
         [Participant("cnn", "cnn")],
+        [Participant("mfsr", "mfsr")],
         _sweep("repeat last frame", f"{BASELINES}:Extrapolation"),
         _sweep("constant velocity", f"{BASELINES}:Extrapolation", moving=True),
         _sweep(ORACLE, f"{BASELINES}:Oracle", *({"factor": n} for n in ALL)),
     )
 }
+# Of what is measured on scenes with super-resolution, which have no fits; there is none on the others.
+BESIDE_DETAIL = ("explicit", "coarse bilinear", "miniature similar", "mfsr", "repeat last frame", "constant velocity")
 NO_PHYSICS = ("repeat last frame", "constant velocity", ORACLE)  # an edge too long is no failure of these
+
+
+def takes_part(participant: Participant, scene: str) -> bool:
+    """Whether benchmarks of many scenes measure it on ``scene``."""
+    family = participant.family
+    return family in (*BESIDE_DETAIL, ORACLE) if scene in DETAILED else family != "mfsr"
 
 
 def truth(name: str, family: str = FLOOR) -> Participant:
@@ -134,6 +144,7 @@ STABILITY = [
     *(_one("miniature", f"mini \u00d7{n}", factor=n) for n in (2, 3, 4)),
     _one("miniature", "mini \u00d74 unguarded", factor=4, guard=False),
     _one("cnn", "cnn"),
+    _one("mfsr", "mfsr"),
 ]
 # What an agent may train on.
 ENDURANCE = [

@@ -1,9 +1,10 @@
 """``minicloth train mfsr-published``: MFSR under the losses of table 3, on two trunks, and mesh SR, as published.
 
 From pairs of ``minicloth generate SCENE --pairs synchronised``, on a graphics card if there is one. What ``--out`` has
-figures of is kept. Adam with betas (0.9, 0.9), a rate of 1e-4 that is divided by 10 after every 20 of 120 epochs until
-the 60th: the 120 epochs stand for all steps of a run, however many the time allows. A batch is a few windows of
-consecutive frames, the whole images; the publication's is 16 patches of images that are larger than ours.
+figures of is kept, and a stopped training goes on. Adam with betas (0.9, 0.9), a rate of 1e-4 that is divided by 10
+after every 20 of 120 epochs until the 60th: the 120 epochs stand for all steps of a run, however many the time allows.
+A batch is a few windows of consecutive frames, the whole images; the publication's is 16 patches of images that are
+larger than ours.
 """
 
 import json
@@ -25,7 +26,8 @@ from surrogates.superres.image import Range
 from surrogates.superres.published import MeshSr, Mfsr
 from training.cache import cache_folder
 from training.fit import Kept, Rate, cosine, fit
-from training.rows import read_names
+from training.rows import read_names, write_rows
+from training.superres.convergence import CONVERGENCE, convergence
 from training.superres.frames import Aligned, frames_of, score
 from training.superres.losses import ALL, Weights, feature_psnr, loss, positions
 from training.superres.pairs import SPLITS, read, sequences
@@ -99,7 +101,8 @@ def train(
 ) -> tuple[torch.nn.Module, dict[str, Any]]:  # fmt: skip
     """The network after ``steps``, or as many as take ``seconds``, on the device of ``pairs``; and what is told of it.
 
-    What is told has ``curve``: step and PSNR of the features on ``held`` at ``LOOKS`` times.
+    What is told has ``curve``: step and PSNR of the features on ``held`` at ``LOOKS`` times. Where it is ``kept``, a
+    stopped training goes on, towards as many steps as were planned.
 
     Raises:
         ValueError: ``kept`` is of another training.
@@ -109,7 +112,9 @@ def train(
     net.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
     starts = pairs.pairs.starts(1, recipe.ahead)
     looked = _spread(held.pairs.starts(1, 0), 32)
-    curve: list[list[float]] = []
+    notes = kept.path.with_suffix(".json") if kept is not None else None
+    begun = read_json(notes, remedy="remove it") if notes is not None and notes.is_file() else {}
+    curve: list[list[float]] = begun.get("curve", [])
     call: Any = net
     if device.type == "cuda":
         torch.backends.cuda.matmul.allow_tf32 = torch.backends.cudnn.allow_tf32 = True
@@ -134,16 +139,20 @@ def train(
             net.eval()
             with torch.no_grad():
                 low, high = images(held, looked)
+                curve[:] = [point for point in curve if point[0] < step]
                 curve.append([step, *feature_psnr(net(low), high)])
+            if notes is not None:
+                write_text(notes, json.dumps({"steps": total, "curve": curve}) + "\n")
             net.train()
         return batch(step)
 
-    if not steps:
+    if not (steps := steps or begun.get("steps", 0)):
         steps = _affordable(batch, seconds)
         net.zero_grad(set_to_none=False)
     total, began = steps, perf_counter()
-    fit(net, followed, steps, recipe.rates(steps), label=label, kept=kept, betas=(0.9, 0.9))
-    told = {"steps": steps, "seconds": perf_counter() - began, "batch": recipe.windows * (recipe.ahead + 1)}
+    spent = fit(net, followed, steps, recipe.rates(steps), label=label, kept=kept, betas=(0.9, 0.9))
+    took = max(perf_counter() - began, spent)  # of the clock, or of the processor where it was stopped
+    told = {"steps": steps, "seconds": took, "batch": recipe.windows * (recipe.ahead + 1)}
     weights = sum(part.numel() for part in net.parameters())
     return net.eval(), {**told, "weights": weights, "curve": curve, "recipe": asdict(recipe)}
 
@@ -183,18 +192,25 @@ def test(recipe: Recipe, net: torch.nn.Module, held: Aligned, scale: Range) -> d
     return score(held, scale, guess, held.pairs.starts(1, 0).tolist())
 
 
-def run(names: Sequence[str], pairs: Aligned, held: Aligned, seconds: float, out: Path) -> None:
-    """Train each of ``RECIPES`` for so long, score it, write its weights and ``<out>/published.json`` after each."""
+def run(names: Sequence[str], pairs: Aligned, held: Aligned, seconds: float, out: Path, scene: str) -> None:
+    """Train each of ``RECIPES`` for so long, score it, write its weights and ``<out>/published.json`` after each.
+
+    The curves are in ``<out>/superres_convergence.csv`` too, for the chart of ``minicloth bench super-resolution``.
+    """
     scale, told = pairs.range(), out / "published.json"
     rows: dict[str, Any] = read_json(told, remedy="remove it") if told.is_file() else {}
     for name in names:
         if name in rows:
             continue
-        net, about = train(RECIPES[name], pairs, held, scale, seconds=seconds, label=name)
+        kept = Kept(out / f"{name}.part", json.dumps(asdict(RECIPES[name])), every=100)
+        net, about = train(RECIPES[name], pairs, held, scale, seconds=seconds, kept=kept, label=name)
         rows[name] = {**about, **test(RECIPES[name], net, held, scale)}
         if name in KEPT:
             torch.save({key: value.half().cpu() for key, value in net.state_dict().items()}, out / f"{name}.pt")
         write_text(told, json.dumps(rows, indent=1) + "\n")
+        for part in (kept.path, kept.path.with_suffix(".json")):
+            part.unlink(missing_ok=True)
+        write_rows(out / f"{CONVERGENCE}.csv", convergence(scene, rows))
         print(name, {key: value for key, value in rows[name].items() if key not in ("curve", "recipe")}, flush=True)
 
 
@@ -217,5 +233,5 @@ def main(argv: Sequence[str] | None = None) -> int:
         Aligned.of(frames_of([read(path, part) for path in sequences(folder, split)])[0].to(torch.device(device)))
         for split in SPLITS
     )
-    run(names, learnt, tested, given.seconds, given.out)
+    run(names, learnt, tested, given.seconds, given.out, given.scene)
     return 0

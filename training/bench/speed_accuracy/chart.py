@@ -43,6 +43,7 @@ CURVES = {
     "miniature": Curve("miniature, as it comes (closure, network)", "#000000", "*", "--"),
     "closure learned": Curve("closure, learned correction", "#D81B60", "P", "--"),
     "cnn": Curve("physics-embedded CNN, full grid", "#4B0082", "h", ring=True),
+    "mfsr": Curve("super-resolution (mfsr)", "#D81B60", "v"),
     "coarse bilinear": Curve("coarse + bilinear", "#8a6d1f", "1", ":"),
 }
 ORDER = [curve.name for curve in CURVES.values()]

@@ -27,7 +27,7 @@ BASELINES = {
     "tension field": SOLVERS + COARSE + RULE,
     "fitted springs": SOLVERS + COARSE + RULE + FITTED,
 }
-METHODS = (*RULE, *FITTED, "miniature closure", "closure ridge", "miniature", "closure learned", "cnn")
+METHODS = (*RULE, *FITTED, "miniature closure", "closure ridge", "miniature", "closure learned", "cnn", "mfsr")
 
 
 @dataclass(frozen=True)

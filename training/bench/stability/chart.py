@@ -8,17 +8,22 @@ from cloth_envs.style import INK
 from training.bench.charts import COLUMNS, SOFT, grid, save
 from training.bench.stability.rows import NOTE, REASONS, Mark, StabilityRow, marks
 from training.bench.stability.worlds import AXES, DURATION, LENGTHS, Axis
+from training.truth import DETAILED
 
 LINE, HEAD = 0.158, 0.47  # inches: a line of a panel, what is around it
-STEM = "stability"
+STEM, DETAIL = "stability", "stability_detail"
 DARK = 0.45  # of the colours, above which letters are black
 
 
 def draw(rows: Mapping[str, Sequence[StabilityRow]], folder: Path, setup: str) -> None:
-    """One figure as wide as a page."""
-    mine = rows.get(STEM)
-    if not mine:
-        return
+    """A figure as wide as a page, and one of the scenes with super-resolution, which has other lines."""
+    for detailed, stem in ((False, STEM), (True, DETAIL)):
+        mine = [row for row in rows.get(STEM, []) if (row.scene in DETAILED) == detailed]
+        if mine:
+            _figure(mine, stem, folder, setup)
+
+
+def _figure(mine: Sequence[StabilityRow], stem: str, folder: Path, setup: str) -> None:
     found, backends = marks(mine), list(dict.fromkeys(r.backend for r in mine))
     shown = [name for name in AXES if any(key[0] == name for key in found)]
     figure, panels = grid(len(shown), "", panel=LINE * len(backends) + HEAD, rest=0.0)
@@ -34,7 +39,7 @@ def draw(rows: Mapping[str, Sequence[StabilityRow]], folder: Path, setup: str) -
     count = len({r.seed for r in mine})
     seeds = f"{count} seed{'s' * (count > 1)} a scene"
     runs = f"Runs of {DURATION:g} s and {LENGTHS[-1]} frames (length, no force), {seeds}."
-    save(figure, f"{setup}. {runs} {NOTE}", folder, STEM, size=6.5)
+    save(figure, f"{setup}. {runs} {NOTE}", folder, stem, size=6.5)
 
 
 def panel(axes: Any, axis: Axis, found: dict[tuple[str, float], Mark], backends: Sequence[str]) -> None:

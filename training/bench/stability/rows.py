@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from training.bench.stability.worlds import AXES
+from training.truth import DETAILED
 
 # What a row says -> the short word of the chart. A run that has several is told the first of this list.
 REASONS = {
@@ -145,7 +146,15 @@ def marks(rows: Sequence[StabilityRow]) -> dict[tuple[str, str, float], Mark]:
 
 
 def table(rows: Sequence[StabilityRow]) -> str:
-    """Runs that passed / survived / all, and the reasons of those that did not pass."""
+    """Runs that passed / survived / all, and the reasons of those that did not pass.
+
+    Scenes with super-resolution, which have other methods, come after the others.
+    """
+    groups = ([r for r in rows if (r.scene in DETAILED) == detailed] for detailed in (False, True))
+    return "\n".join(_lines(mine) for mine in groups if mine)
+
+
+def _lines(rows: Sequence[StabilityRow]) -> str:
     found, lines = marks(rows), []
     backends = dict.fromkeys(r.backend for r in rows)
     for name, axis in AXES.items():

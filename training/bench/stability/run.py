@@ -12,12 +12,13 @@ from dataclasses import asdict
 from cloth_envs.progress import progress
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.measure import built
-from training.bench.participants import STABILITY, Participant, extra
-from training.bench.stability.chart import STEM, draw
+from training.bench.participants import STABILITY, Participant, extra, takes_part
+from training.bench.stability.chart import DETAIL, STEM, draw
 from training.bench.stability.rows import NOTE, SOFT, StabilityRow, table
 from training.bench.stability.runs import TRUTH, run, score, truths
 from training.bench.stability.worlds import AXES, DURATION, Base
 from training.rows import read_names, rounded
+from training.truth import DETAILED
 
 SEEDS, QUICK_SEEDS = (300, 301), (300,)  # held out: the miniature was calibrated on 100..103
 QUICK = 2  # grids are so many times coarser
@@ -25,12 +26,16 @@ World = tuple[str, float, str, int]  # axis, level, scene and seed
 
 
 def worlds(scenes: Sequence[str] | None, axes: Sequence[str], seeds: Sequence[int], *, ends: bool) -> list[World]:
-    """Every world in ``scenes`` (default: each axis's usual ones), seed by seed; of the axes only the ``ends``."""
+    """Every world in ``scenes`` (default: each axis's usual ones), seed by seed; of the axes only the ``ends``.
+
+    Those with super-resolution, whose truth takes ten times as long, have the first seed only.
+    """
     return [
         (name, level, scene, seed)
         for seed in seeds
         for name in axes
         for scene in AXES[name].of(scenes)
+        if seed == seeds[0] or scene not in DETAILED
         for level in AXES[name].runs(ends=ends)
     ]
 
@@ -53,7 +58,7 @@ def measure(session: Session) -> None:
     """All worlds that the session asks for, on grids that are so many times coarser."""
     given, quick, store = session.given, session.quick, session.store(STEM)
     axes = read_names(given.axes, list(AXES), "axis")
-    participants = [*STABILITY, *extra(given.backend)]
+    named = extra(given.backend)
     seeds, coarse = (QUICK_SEEDS, QUICK) if quick else (SEEDS, 1)
     session.about |= {
         "threads": 1,
@@ -61,7 +66,7 @@ def measure(session: Session) -> None:
         "seeds": seeds,
         "seconds": DURATION,
         "grid": f"the scene's, {QUICK} times coarser" if quick else "the scene's",
-        "coarser": {p.label: p.coarse for p in participants if p.coarse > 1},
+        "coarser": {p.label: p.coarse for p in (*STABILITY, *named) if p.coarse > 1},
         "truth": f"explicit, float32, half the stable step, on each method's own grid: {TRUTH.fixed}",
         "soft": SOFT,
         "fails": NOTE,
@@ -70,7 +75,8 @@ def measure(session: Session) -> None:
     for name, level, scene, seed in progress(
         todo, STEM, unit="world", name=lambda one: f"{one[2]} {one[0]} {AXES[one[0]].label(one[1])}"
     ):
-        missing = [p for p in participants if (name, level, scene, p.label, json.dumps(p.whole), seed) not in store]
+        own = [*(p for p in STABILITY if takes_part(p, scene)), *named]
+        missing = [p for p in own if (name, level, scene, p.label, json.dumps(p.whole), seed) not in store]
         for grid in dict.fromkeys(p.coarse for p in missing):
             same = [p for p in missing if p.coarse == grid]
             store.add(*rows_of((name, level, scene, seed), same, grid * coarse))
@@ -85,7 +91,10 @@ BENCHMARK = Benchmark(
     measure=measure,
     pieces=[("--axes", axis) for axis in AXES],
     scenes=("Curtain", "Flag"),
-    charts={STEM: "Heat maps of the runs that passed and survived: a panel an axis, a line a method"},
+    charts={
+        STEM: "Heat maps of the runs that passed and survived: a panel an axis, a line a method",
+        DETAIL: f"The same of {', '.join(DETAILED)}",
+    },
     draw=draw,
     options=lambda top: top.add_argument("--axes", default=",".join(AXES), help="default: all, " + ", ".join(AXES)),
 )

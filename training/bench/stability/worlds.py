@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.utils.seeding import np_random
 
-from cloth_envs.grid import coarser
 from cloth_envs.policies import open_loop
 from cloth_envs.registry import load_task
 from cloth_envs.scene import Scene
@@ -17,12 +16,14 @@ from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 from training.bench.benchmark import MEASURED
 from training.rollouts import retime
+from training.truth import DETAILED, Case, unseen
 
 DURATION = 0.64  # s of a run, a whole number of frames of four times any scene's
 LENGTHS = (25, 50, 100, 150, 250)  # frames; the longest is ten times the longest horizon of `bench speed-accuracy`
 BALL_END, BALL_WAY = 0.3, 0.6  # m: where a shot ball stops (y), and least way of its front before it is half through
 BALL_SPEED, BALL_RADIUS = 4.0, 0.2  # m/s, m: of the axis that does not vary it
 FREE_SPEED = 1.0  # m/s, root mean square of what a free cloth starts with
+SHEETS, EVERY = ("Curtain", "Flag", *DETAILED), (*MEASURED, *DETAILED)
 POLICIES = ("zero", "smooth", "bang-bang", "random", "alternating")  # bang-bang and random ones have axes of their own
 
 
@@ -48,8 +49,7 @@ def episode(base: Base, frames: int, policy: str = "smooth") -> Stage:
 
     Controls follow from handles, bodies, time and actions alone, so no cloth is computed for them.
     """
-    shape = coarser(load_task(base.scene).resolution, base.coarse)
-    world = World(base.scene, resolution=shape)
+    world = World(base.scene, **Case(base.scene, coarse=base.coarse, sequence=unseen(base.scene)).place)
     world.reset({0: np_random(base.seed)[0]})
     scene, start, now = world.scene, world.state.copy(), world.state.astype(np.float64)
     scripted, size = [], len(world.task.actions)
@@ -189,27 +189,27 @@ class Axis:
 
 
 AXES: dict[str, Axis] = {
-    "frame": Axis("frame step", (1 / 2, 1, 2, 3, 4), _changed(_frame)),
-    "stiffness": Axis("stiffness", (1 / 4, 1 / 2, 1, 2, 4, 8, 16), _changed(_stiffness)),
-    "mass": Axis("mass", (1 / 3, 1 / 2, 1, 2, 3), _changed(_mass)),
+    "frame": Axis("frame step", (1 / 2, 1, 2, 3, 4), _changed(_frame), usual=SHEETS),
+    "stiffness": Axis("stiffness", (1 / 4, 1 / 2, 1, 2, 4, 8, 16), _changed(_stiffness), usual=SHEETS),
+    "mass": Axis("mass", (1 / 3, 1 / 2, 1, 2, 3), _changed(_mass), usual=SHEETS),
     "resolution": Axis(
         "resolution", (1 / 2, 3 / 4, 1, 3 / 2, 2), lambda base, level: _plain(base._replace(coarse=base.coarse / level))
     ),
     "length": Axis(
         "length of the rollout [frames]", LENGTHS, lambda base, level: episode(base, round(level)),
-        label="{:g}".format, cut=True,
+        label="{:g}".format, cut=True, usual=SHEETS,
     ),
     "actions": Axis(
         "actions", (0, 1, 4), lambda base, level: _plain(base, POLICIES[round(level)]),
-        label=lambda level: POLICIES[round(level)], usual=MEASURED,
+        label=lambda level: POLICIES[round(level)], usual=EVERY,
     ),
     "random": Axis(
         "random actions at every frame [frames]", (10, 25, 50, 100),
-        lambda base, level: episode(base, round(level), "random"), label="{:g}".format, cut=True, usual=MEASURED,
+        lambda base, level: episode(base, round(level), "random"), label="{:g}".format, cut=True, usual=EVERY,
     ),
     "bang-bang": Axis(
         "bang-bang actions [frames]", (25, 50, 100, 200), lambda base, level: episode(base, round(level), "bang-bang"),
-        label="{:g}".format, cut=True, usual=MEASURED,
+        label="{:g}".format, cut=True, usual=EVERY,
     ),
     "wind": Axis("wind speed", (0, 1 / 2, 1, 3 / 2, 2, 3), _changed(_wind), ("Flag",)),
     "direction": Axis("wind turned [degrees]", (0, 45, 90, 135, 180), _changed(_turned), ("Flag",), "{:g}".format),

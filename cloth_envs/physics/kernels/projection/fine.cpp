@@ -115,14 +115,16 @@ class Fine {
         (*cubic)(from, 3, at), finish(mend_cubic);
         if (mend_more && !(strain(at) <= guard)) finish(mend_more);
       }
-      const Held stay = {held_, [&](float* other) { put(other, there); }};
+      const auto settle = [&](float* cloth) {
+        int count;
+        float deepest;
+        put(cloth, there), push_out(cloth, met, count, deepest);
+      };
+      const Held stay = {held_, settle};
       const bool folds = sheet_.self_thickness > 0;
       for (int round = 0; folds && round < kSeparations && separate(sheet_, stay, from, int(h), int(w), at, round > 0);
-           ++round) {
-        int again;
-        float deepest;
-        put(at, there), push_out(at, met, again, deepest);
-      }
+           ++round)
+        settle(at);
       if (speeds) (*speeds)(moving, 3, speed);
       put(speed, driven_v.data() + b * 3 * held);
       stop_at(speed, at, met);

@@ -8,6 +8,7 @@ and the cards of the weights.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from statistics import median
 
 import numpy as np
@@ -19,11 +20,13 @@ from cloth_envs.registry import PRESETS, make_backend
 from cloth_envs.world import World
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.bench.participants import Participant, extra
+from training.bench.superres.chart import PICTURES, draw, pictures
 from training.metrics.contact import crossing_triangles, inside
 from training.metrics.detail import fine_detail
 from training.metrics.errors import vertex_error
 from training.rollouts import record, replay
 from training.rows import rounded
+from training.superres.convergence import CONVERGENCE, ConvergenceRow
 
 STEM, PRESET, FACTOR = "superres", "chen2020", 4
 FRAMES, QUICK, EVERY = 400, 20, 5  # frames of a sequence; of --quick; from one that is looked at to the next
@@ -112,6 +115,8 @@ def measure(session: Session) -> None:
     """What is missing of every scene's sequences for testing."""
     from training.superres.generate import Protocol
 
+    if session.given.pictures:
+        return pictures(session.images or Path())
     store, methods = session.store(STEM), [*METHODS, *extra(session.given.backend)]
     frames = QUICK if session.quick else FRAMES
     session.about |= {"preset": PRESET, "frames": frames, "every": EVERY}
@@ -125,9 +130,18 @@ def measure(session: Session) -> None:
 BENCHMARK = Benchmark(
     name="super-resolution",
     about="What super-resolved cloth costs beside the fine simulation, and whether it is as wrinkled.",
-    files={STEM: RowFile(SuperresRow, ("scene", "sequence", "family", "options"))},
+    files={
+        STEM: RowFile(SuperresRow, ("scene", "sequence", "family", "options")),
+        CONVERGENCE: RowFile(ConvergenceRow),
+    },
     parts=[Part("Time of a frame, error, wrinkles over the fine simulation's, and contact", (STEM,), table)],
     measure=measure,
     scenes=tuple(PRESETS[PRESET]),
     known=tuple(PRESETS[PRESET]),
+    charts={
+        CONVERGENCE: "How published networks converge (figure 13), of rows of `minicloth train mfsr-published`",
+        PICTURES: "Coarse, interpolated, super-resolved and tracked cloths (figures 9-12)",
+    },
+    draw=draw,
+    options=lambda top: top.add_argument("--pictures", action="store_true", help="only the pictures, into --images"),
 )

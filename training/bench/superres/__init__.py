@@ -1,0 +1,1 @@
+"""``minicloth bench super-resolution``: super-resolved cloth beside the fine simulation."""
