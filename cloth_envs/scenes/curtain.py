@@ -25,6 +25,7 @@ TARGET = (0.4, 0.9)  # covered fraction of a window as wide as the flat curtain
 APART = 0.2  # least difference of the target from the starting opening
 SWING = 1.2  # m/s, largest starting speed of the hem
 COVER_MARGIN, CALM_MARGIN = 0.3, 0.5  # fraction, m/s
+FAR_MARGIN, NEAR_MARGIN = 0.8, 0.22  # of the fraction, in version 1; 0.9 is where it is in version 0
 
 
 @documented
@@ -57,7 +58,8 @@ class Curtain(Task):
     friction of rings on the rail.
 
     ## Version 1
-    Before the extras also the fraction that is still to be covered, and the swing.
+    Before the extras also the fraction that is still to be covered, and the swing. Cover is the mean of
+    `tolerance(covered - target, 0.8)`, which is felt from everywhere, and `tolerance(covered - target, 0.22)`.
     """
 
     size = (1.5, 1.0)
@@ -141,4 +143,7 @@ class Curtain(Task):
 
     def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         off = self.covered(episode) - episode.memory["target"]
-        return abs(off), tolerance(off, COVER_MARGIN), tolerance(self.speed(episode, 1, 2), CALM_MARGIN, 0.25)
+        cover, calm = tolerance(off, COVER_MARGIN), tolerance(self.speed(episode, 1, 2), CALM_MARGIN, 0.25)
+        if self.version:
+            cover = 0.5 * (tolerance(off, FAR_MARGIN) + tolerance(off, NEAR_MARGIN))
+        return abs(off), cover, calm
