@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from cloth_envs.grid import Grid
 
@@ -65,7 +64,9 @@ def _step(x: Tensor, axis: int, periodic: bool) -> Tensor:
 
 def normals(x: Tensor, periodic: bool = False) -> Tensor:
     """Unit vertex normals of ``x`` ``(B, 3, H, W)``, weighted by the area of the triangles around."""
-    return functional.normalize(torch.linalg.cross(_step(x, 2, False), _step(x, 3, periodic), dim=1), dim=1)
+    (a, b, c), (d, e, f) = (part.unbind(1) for part in (_step(x, 2, False), _step(x, 3, periodic)))
+    n = torch.stack([b * f - c * e, c * d - a * f, a * e - b * d], 1)  # twice as fast as torch's cross and normalize
+    return n / (n.square().sum(1, keepdim=True) + 1e-24).sqrt()
 
 
 def image(x: Tensor, v: Tensor, rest: Tensor, align: Alignment, periodic: bool = False) -> Tensor:

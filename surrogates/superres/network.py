@@ -16,7 +16,7 @@ from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from surrogates.checkpoint import of_factor
-from surrogates.superres.features import FRAMES, LIMIT, SCALE, features, residual, spacing
+from surrogates.superres.features import FRAMES, LIMIT, REACH, SCALE, Bodies, features, residual, spacing
 from surrogates.upscale.protocol import Upscaler
 
 
@@ -56,23 +56,32 @@ class SuperResolution(Upscaler):
         self.layers = [(arrays[f"weight{k}"], arrays[f"bias{k}"]) for k in range(count)]
         self.held = np.zeros(coarse.grid.shape, np.float32)
         self.held.flat[list(coarse.handles)] = 1
+        self.radii = np.array([body.radius + coarse.thickness for body in coarse.colliders], np.float32)
+        self.planes = [body.kind == "plane" for body in coarse.colliders]
         self.linear = Resampler(coarse.grid, fine.grid, "linear")
         self._net = DetailNet(
-            *coarse.grid.shape, coarse.grid.periodic, spacing(coarse.grid), LIMIT, self.mean, 1 / self.width, self.held,
+            *coarse.grid.shape, coarse.grid.periodic, spacing(coarse.grid), LIMIT, REACH, self.mean, 1 / self.width,
+            self.held, self.radii, self.planes,
             [np.ascontiguousarray(weight.reshape(len(weight), -1), np.float32) for weight, _ in self.layers],
             [np.ascontiguousarray(bias, np.float32) for _, bias in self.layers], self.linear.kernel,
         )  # fmt: skip
 
     def positions(self, history: Sequence[State]) -> np.ndarray:
         earlier, before, now = (np.ascontiguousarray(state.positions, np.float32) for state in history)
+        after, start = self.bodies(history)[:2]
         out = self.bicubic(now)
-        self._net.add(now, before, earlier, out, self.threads)
+        self._net.add(now, before, earlier, after, start, out, self.threads)
         return out
+
+    def bodies(self, history: Sequence[State]) -> Bodies:
+        """At the last two frames."""
+        now, before = (np.ascontiguousarray(history[k].colliders, np.float32) for k in (-1, -2))
+        return Bodies(now, before, self.radii[None], self.planes)
 
     def twin(self, history: Sequence[State]) -> np.ndarray:
         """``positions`` in NumPy."""
         past, grid = [state.positions.astype(np.float32) for state in history], self.coarse.grid
-        x, turn = features(past, self.held, grid)
+        x, turn = features(past, self.bodies(history), self.held, grid)
         x = (x - self.mean[:, None, None]) / self.width[:, None, None]
         for k, (weight, bias) in enumerate(self.layers):
             x = convolved(np.maximum(x, 0) if k else x, weight, grid.periodic) + bias[:, None, None]

@@ -37,7 +37,7 @@ def arrays(net: Net, detail: Detail) -> dict[str, np.ndarray]:
     """What ``SuperResolution`` takes."""
     found = dict(zip(("mean", "width"), (part.flatten() for part in detail.scale), strict=True))
     for k, layer in enumerate(net.layers):
-        found |= {f"{name}{k}": part.detach() for name, part in layer.named_parameters()}
+        found |= {f"{name}{k}": part.detach() for name, part in zip(("weight", "bias"), layer.used(), strict=True)}
     return {name: part.cpu().numpy() for name, part in found.items()}
 
 
@@ -64,8 +64,8 @@ def train_scene(scene: str, recipe: Recipe, folder: Path, out: Path, cache: Path
     if is_done(name, SCALE, settings, out):
         return
     pairs = [read_pair(path, LONGEST) for path in learnt]
-    frames, held = frames_of(pairs)
-    detail = Detail(frames, held)
+    frames, around = frames_of(pairs)
+    detail = Detail(frames, around)
     kept = Kept(cache / f"{name}_{digest(settings)}.pt", json.dumps(settings))
     net, seconds = train(recipe, detail, kept=kept, label=scene)
     other = Detail(*frames_of([read_pair(path, LONGEST) for path in tested]), detail.scale)
