@@ -40,7 +40,7 @@ from training.metrics import detail as metrics
 from training.rows import read_rows
 from training.superres import published
 from training.superres.convergence import CONVERGENCE, ConvergenceRow
-from training.superres.detail import Detail, Mirrored, Net, Recipe, ridge, tiles, train
+from training.superres.detail import Detail, Mirrored, Net, Recipe, coarse_modes, ridge, tiles, train
 from training.superres.frames import Aligned, Frames, frames_of
 from training.superres.generate import BACKEND
 from training.superres.losses import kinematic, positions
@@ -238,10 +238,10 @@ def test_detail_turns_with_the_cloth_and_mirrors_it(turn: np.ndarray) -> None:
 def test_features_of_numpy_and_torch_agree() -> None:
     x = [crumpled(SMALL, 2, seed) for seed in range(3)]
     held, planes = np.zeros(SMALL.shape, np.float32), [body.kind == "plane" for body in BODIES]
-    told = [around(2), around(2, 1), np.array([[body.radius for body in BODIES]], np.float32)]
-    tensors = Bodies(*map(torch.from_numpy, told), planes)
+    told = Bodies(around(2), around(2, 1), np.array([[body.radius for body in BODIES]], np.float32), planes)
+    tensors = Bodies(torch.from_numpy(told.now), torch.from_numpy(told.before), torch.from_numpy(told.radii), planes)
     for mine, other in zip(
-        features(x, Bodies(*told, planes), held, SMALL),
+        features(x, told, held, SMALL),
         features([torch.from_numpy(a) for a in x], tensors, torch.from_numpy(held), SMALL),
         strict=True,
     ):
@@ -373,3 +373,15 @@ def test_a_published_training_that_was_stopped_goes_on(tmp_path: Path, monkeypat
 def test_the_published_rate_falls_by_ten_until_the_middle() -> None:
     rate = published.published_rate(1e-4, 240)
     assert [rate(step) for step in (0, 39, 40, 80, 120, 239)] == pytest.approx([1e-4, 1e-4, 1e-5, 1e-6, 1e-7, 1e-7])
+
+
+@BOTH
+def test_what_is_finer_than_the_coarse_grid_is_what_its_waves_lack(periodic: bool) -> None:
+    """Up to the one of which two coarse cells are one."""
+    few, many = 8, 32
+    project = coarse_modes(few, many, periodic)
+    for waves in range(many // 2 if periodic else many):  # half ones between open ends
+        at = np.arange(many) * 2 / many if periodic else (np.arange(many + 1) + 0.5) / (many + 1)
+        wave = np.cos(np.pi * waves * at)
+        known = waves <= (few // 2 if periodic else few)
+        np.testing.assert_allclose(project @ wave, wave if known else 0 * wave, atol=1e-12)

@@ -57,9 +57,9 @@ def _step(x: Tensor, axis: int, periodic: bool) -> Tensor:
     """Next vertex less the one before; at open ends the vertex itself stands for the missing one."""
     if periodic:
         return x.roll(-1, axis) - x.roll(1, axis)
-    last = x.shape[axis] - 1
-    index = torch.arange(last + 1, device=x.device)
-    return x.index_select(axis, (index + 1).clamp(max=last)) - x.index_select(axis, (index - 1).clamp(min=0))
+    size = x.shape[axis]
+    first, last = x.narrow(axis, 1, 1) - x.narrow(axis, 0, 1), x.narrow(axis, -1, 1) - x.narrow(axis, -2, 1)
+    return torch.cat([first, x.narrow(axis, 2, size - 2) - x.narrow(axis, 0, size - 2), last], axis)
 
 
 def normals(x: Tensor, periodic: bool = False) -> Tensor:

@@ -1,8 +1,8 @@
 """Training of the network that adds detail to interpolation (``surrogates.superres``), and of ridge in its features.
 
-The loss is of the squared distance, of normals, of the error's second difference in time, which flickers, and of how
-wrinkled windows of the cloth are: the mean of all fine cloths that a coarse one may have is smoother than any of them.
-Each is in parts of what bicubic interpolation has.
+The loss is of the squared distance, of normals, of the error's second difference in time, which flickers, of how
+wrinkled windows of the cloth are, and of how much there is in them of what the coarse grid can't have: the mean of all
+fine cloths that a coarse one may have is smoother than any of them. Each is in parts of what bicubic interpolation has.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ class Recipe:
     """A network of ``layers`` hidden ones of ``width`` and its training.
 
     Attributes:
-        normal, flicker, wrinkle: weights of the losses beside that of distances, which is 1.
+        normal, flicker, wrinkle, fine: weights of the losses beside that of distances, which is 1.
         windows: of three frames in a batch. rate: falls along half a cosine.
     """
 
@@ -39,6 +39,7 @@ class Recipe:
     normal: float = 0.3
     flicker: float = 0.1
     wrinkle: float = 0.1
+    fine: float = 0.2
     steps: int = 6000
     windows: int = 4
     rate: float = 2e-3
@@ -119,12 +120,20 @@ class Detail:
         self.frames, self.around, device = frames, around, frames.coarse.device
         both = interpolation(frames.small, frames.large)
         self._rows, self._cols = (torch.tensor(part, dtype=torch.float32, device=device) for part in both)
+        cells = zip(frames.small.cells, frames.large.cells, (False, frames.small.periodic), strict=True)
+        modes = (torch.tensor(coarse_modes(*side), dtype=torch.float32, device=device) for side in cells)
+        self._down, self._along = modes
         self._run = torch.unique_consecutive(frames.run, return_inverse=True)[1]
         self.scale = scale or self._measured()
 
     def base(self, numbers: Tensor) -> Tensor:
         """Bicubic interpolation, ``(n, 3, H, W)`` [m]."""
         found: Tensor = self._rows @ self.frames.coarse[numbers] @ self._cols.T
+        return found
+
+    def finer(self, x: Tensor) -> Tensor:
+        """What of fine cloths ``(n, 3, H, W)`` is shorter than the waves that the coarse grid has."""
+        found: Tensor = x - self._down @ x @ self._along
         return found
 
     def read(self, numbers: Tensor) -> tuple[Tensor, Tensor]:
@@ -156,18 +165,38 @@ class Detail:
         return self.base(numbers) + residual(found, self.turns(turn), self.frames.small)
 
 
-def parts(x: Tensor, truth: Tensor, periodic: bool) -> list[Tensor]:
-    """The four losses of cloths ``(windows, 3, 3, H, W)`` [m]: distance, normals, flicker, wrinkles."""
+def parts(x: Tensor, truth: Tensor, periodic: bool, finer: Callable[[Tensor], Tensor]) -> list[Tensor]:
+    """The losses of cloths ``(windows, 3, 3, H, W)`` [m]: distance, normals, flicker, wrinkles, what is ``finer``."""
     gap = x - truth
     one, other = (cloth.flatten(0, 1) for cloth in (x, truth))
-    rough = [functional.avg_pool2d(wrinkles(part).square().sum(1, keepdim=True), WINDOW) for part in (one, other)]
-    a, b = ((part + 1e-11).sqrt() for part in rough)
+
+    def rough(part: Callable[[Tensor], Tensor]) -> Tensor:
+        square = (part(cloth).square().sum(1, keepdim=True) for cloth in (one, other))
+        a, b = ((functional.avg_pool2d(one, WINDOW) + 1e-11).sqrt() for one in square)
+        return (a - b).square().mean()
+
     return [
         gap.square().sum(2).mean(),
         (1 - (normals(one, periodic) * normals(other, periodic)).sum(1)).mean(),
         (gap[:, 2] - 2 * gap[:, 1] + gap[:, 0]).square().sum(1).mean(),
-        (a - b).square().mean(),
+        rough(wrinkles),
+        rough(finer),
     ]
+
+
+def coarse_modes(few: int, many: int, periodic: bool) -> np.ndarray:
+    """Projection ``(n, n)`` of the vertices of ``many`` cells onto the waves that ``few`` can have.
+
+    The shortest is as long as two of these: half waves of cosines between open ends, waves around a tube.
+    """
+    if periodic:
+        phase = 2 * np.pi * np.outer(np.arange(many), np.arange(few // 2 + 1)) / many
+        waves = np.concatenate([np.cos(phase), np.sin(phase[:, 1:])], 1)
+    else:
+        waves = np.cos(np.pi * np.outer(np.arange(many + 1) + 0.5, np.arange(few + 1)) / (many + 1))
+    base = np.linalg.qr(waves)[0]
+    found: np.ndarray = base @ base.T
+    return found
 
 
 def train(
@@ -192,12 +221,12 @@ def train(
         chosen = starts[torch.from_numpy(rng.integers(len(starts), size=recipe.windows))]
         numbers = (chosen[:, None] + torch.arange(3)).flatten()
         shape = (recipe.windows, 3, 3, *detail.frames.large.shape)
-        return parts(find(numbers).view(shape), detail.frames.fine[numbers].view(shape), grid.periodic)
+        return parts(find(numbers).view(shape), detail.frames.fine[numbers].view(shape), grid.periodic, detail.finer)
 
     with torch.no_grad():
         drawn = [compared(detail.base, np.random.default_rng((recipe.seed, 1, k))) for k in range(10)]
-    plain = [sum(float(batch[k]) for batch in drawn) / len(drawn) for k in range(4)]
-    weights = [1.0, recipe.normal, recipe.flicker, recipe.wrinkle]
+    plain = [sum(map(float, part)) / len(part) for part in zip(*drawn, strict=True)]
+    weights = [1.0, recipe.normal, recipe.flicker, recipe.wrinkle, recipe.fine]
 
     def loss(step: int) -> Tensor:
         found = compared(lambda numbers: detail(call, numbers), np.random.default_rng((recipe.seed, 0, step)))

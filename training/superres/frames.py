@@ -76,7 +76,7 @@ def frames_of(pairs: Sequence[Pair]) -> tuple[Frames, Around]:
     planes = [body.kind == "plane" for body in few.colliders]
     run = torch.tensor([pair.number for pair in pairs]).repeat_interleave(len(pairs[0].coarse.positions) - 1)
     frames = Frames(cloths("coarse"), cloths("fine"), run, few.grid, many.grid, few.frame_dt)
-    return frames, Around(*(torch.from_numpy(part) for part in (held, bodies, radii)), planes)
+    return frames, Around(torch.from_numpy(held), torch.from_numpy(bodies), torch.from_numpy(radii), planes)
 
 
 class Aligned(NamedTuple):

@@ -19,7 +19,7 @@ from surrogates.superres.network import weights_name
 from training.cache import cache_folder, digest
 from training.command import is_done, keep, plan, read
 from training.fit import Kept
-from training.superres.detail import Detail, Net, Recipe, ridge, train
+from training.superres.detail import Detail, Mirrored, Net, Recipe, ridge, train
 from training.superres.frames import Aligned, frames_of, score
 from training.superres.pairs import read as read_pair
 from training.superres.pairs import sequences
@@ -37,6 +37,7 @@ def arrays(net: Net, detail: Detail) -> dict[str, np.ndarray]:
     """What ``SuperResolution`` takes."""
     found = dict(zip(("mean", "width"), (part.flatten() for part in detail.scale), strict=True))
     for k, layer in enumerate(net.layers):
+        assert isinstance(layer, Mirrored)
         found |= {f"{name}{k}": part.detach() for name, part in zip(("weight", "bias"), layer.used(), strict=True)}
     return {name: part.cpu().numpy() for name, part in found.items()}
 
