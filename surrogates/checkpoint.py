@@ -27,6 +27,11 @@ class Checkpoint(NamedTuple):
     arrays: dict[str, np.ndarray]
     card: dict[str, Any]
 
+    def of_factor(self, factor: int) -> dict[str, np.ndarray]:
+        """The arrays ``<factor>.<array>`` by the array's name; empty if there are none."""
+        prefix = f"{factor}."
+        return {key[len(prefix) :]: value for key, value in self.arrays.items() if key.startswith(prefix)}
+
 
 def save(name: str, arrays: Mapping[str, np.ndarray], card: Mapping[str, Any], folder: Path = WEIGHTS) -> Path:
     """Write weights and card as one file, which is replaced only when the new one is whole on disk, and the copy.
@@ -73,9 +78,7 @@ def load(name: str, folder: Path = WEIGHTS) -> Checkpoint:
 
 def of_factor(name: str, factor: int) -> dict[str, np.ndarray]:
     """The shipped arrays ``<factor>.<array>`` of a scene's checkpoint by the array's name; empty if there are none."""
-    prefix = f"{factor}."
-    arrays = load(name).arrays if (WEIGHTS / f"{name}.safetensors").is_file() else {}
-    return {key[len(prefix) :]: value for key, value in arrays.items() if key.startswith(prefix)}
+    return load(name).of_factor(factor) if (WEIGHTS / f"{name}.safetensors").is_file() else {}
 
 
 def written(name: str, folder: Path) -> Checkpoint:

@@ -15,22 +15,32 @@ from gymnasium.utils.seeding import np_random
 
 from cloth_envs.grid import Grid
 from cloth_envs.material import Material
+from cloth_envs.physics.laws import bodies as laws
 from cloth_envs.registry import load_task
-from cloth_envs.scene import Scene
+from cloth_envs.scene import Collider, Scene
 from cloth_envs.scenes.starts import rotation
 from cloth_envs.state import State
 from cloth_envs.world import World
-from surrogates.superres.features import CHANNELS, FRAMES, LIMIT, SCALE, features, spacing
+from surrogates.superres.features import (
+    CHANNELS,
+    FRAMES,
+    LIMIT,
+    SCALE,
+    Bodies,
+    features,
+    spacing,
+    touched,
+)
 from surrogates.superres.image import Alignment, Range, at_rest, image, normals
 from surrogates.superres.network import SuperResolution, convolved, untiled
-from surrogates.superres.published import Conv, MeshSr, Mfsr, tiled
+from surrogates.superres.published import MeshSr, Mfsr, tiled
 from surrogates.superres.refine import smoothed
 from training.fit import Kept
 from training.metrics import detail as metrics
 from training.rows import read_rows
 from training.superres import published
 from training.superres.convergence import CONVERGENCE, ConvergenceRow
-from training.superres.detail import Detail, Net, Recipe, ridge, tiles, train
+from training.superres.detail import Detail, Mirrored, Net, Recipe, coarse_modes, ridge, tiles, train
 from training.superres.frames import Aligned, Frames, frames_of
 from training.superres.generate import BACKEND
 from training.superres.losses import kinematic, positions
@@ -39,6 +49,7 @@ from training.superres.train import arrays, errors
 
 SMALL, LARGE = Grid(5, 6, 1.0, 1.2), Grid(17, 21, 1.0, 1.2)
 TUBE, LARGE_TUBE = Grid(5, 8, 1.0, 1.6, periodic=True), Grid(17, 32, 1.0, 1.6, periodic=True)
+BODIES = tuple(Collider(kind, radius) for kind, radius in (("sphere", 0.3), ("capsule", 0.2), ("plane", 0.0)))
 BOTH = pytest.mark.parametrize("periodic", [False, True], ids=["sheet", "tube"])
 
 
@@ -48,10 +59,19 @@ def crumpled(grid: Grid, count: int = 1, seed: int = 0) -> np.ndarray:
     return (at_rest(grid).numpy() + 0.2 * spacing(grid) * noise).astype(np.float32)
 
 
-def turned(x: np.ndarray) -> np.ndarray:
-    """Turned about z, which leaves gravity alone, and moved."""
-    turn = rotation(np.array([0.7]), 0, 1)[0]
-    return (np.einsum("ij,bjhw->bihw", turn, x) + np.array([1.0, -2.0, 3.0])[:, None, None]).astype(np.float32)
+TURN, WAY = rotation(np.array([0.7]), 0, 1)[0], np.array([1.0, -2.0, 3.0])  # about z, which leaves gravity alone
+
+
+def turned(x: np.ndarray, turn: np.ndarray = TURN) -> np.ndarray:
+    """Turned and moved."""
+    return (np.einsum("ij,bjhw->bihw", turn, x) + WAY[:, None, None]).astype(np.float32)
+
+
+def seen_there(state: State, turn: np.ndarray) -> State:
+    """Cloth and ``BODIES`` turned and moved."""
+    ends = np.einsum("ij,bckj->bcki", turn, state.colliders)
+    ends += np.where(np.array([[1, 1], [1, 1], [1, 0]])[..., None], WAY, 0)
+    return State.still(turned(state.positions, turn), ends.astype(np.float32))
 
 
 def scenes(periodic: bool) -> tuple[Scene, Scene]:
@@ -59,8 +79,8 @@ def scenes(periodic: bool) -> tuple[Scene, Scene]:
     task = load_task("Draping")
     fine = task.make_scene(resolution=LARGE.shape, material=Material())
     few, many = (TUBE, LARGE_TUBE) if periodic else (SMALL, LARGE)
-    still = {"handles": (), "grips": ()}
-    return replace(fine, grid=few, handles=(0, 7), grips=()), replace(fine, grid=many, **still)
+    still: dict[str, Any] = {"handles": (), "grips": (), "colliders": BODIES}
+    return replace(fine, grid=few, **still | {"handles": (0, 7)}), replace(fine, grid=many, **still)
 
 
 def weights(layers: int = 3, width: int = 12, seed: int = 0) -> dict[str, np.ndarray]:
@@ -73,8 +93,20 @@ def weights(layers: int = 3, width: int = 12, seed: int = 0) -> dict[str, np.nda
     return {name: array.astype(np.float32) for name, array in arrays.items()}
 
 
+def around(batch: int, seed: int = 0) -> np.ndarray:
+    """Places of ``BODIES`` that touch a sheet at rest, ``(batch, 3, 2, 3)``."""
+    ball, axis = [[0.3, 0.2, -0.3]] * 2, [[0.8, -0.1, -0.6], [1.0, 0.2, -0.9]]
+    plane = [[0.0, 0.0, -0.9], [0.0, 0.6, 0.8]]
+    moved = (
+        0.05
+        * np.random.default_rng(seed).standard_normal((batch, 3, 1, 3))
+        * np.array([[1, 1], [1, 1], [1, 0]])[..., None]
+    )
+    return (np.array([ball, axis, plane]) + moved).astype(np.float32)
+
+
 def history(grid: Grid, batch: int = 2) -> list[State]:
-    return [State.still(crumpled(grid, batch, seed)) for seed in range(FRAMES)]
+    return [State.still(crumpled(grid, batch, seed), around(batch, seed)) for seed in range(FRAMES)]
 
 
 def test_alignment_finds_a_rigid_motion() -> None:
@@ -167,8 +199,11 @@ def test_the_trained_network_is_the_twin(periodic: bool) -> None:
     arrays, x = weights(), np.random.default_rng(1).standard_normal((2, CHANNELS, 5, 8)).astype(np.float32)
     net = Net(12, 3, periodic)
     for k, layer in enumerate(net.layers):
-        assert isinstance(layer, Conv)
+        assert isinstance(layer, Mirrored)
         layer.load_state_dict({name: torch.from_numpy(arrays[f"{name}{k}"]) for name in ("weight", "bias")})
+        arrays |= {
+            f"{name}{k}": part.detach().numpy() for name, part in zip(("weight", "bias"), layer.used(), strict=True)
+        }
     with torch.no_grad():
         found = net(torch.from_numpy(x)).numpy()
     for k in range(4):
@@ -185,20 +220,55 @@ def test_tiles_are_undone(periodic: bool) -> None:
     torch.testing.assert_close(found, fine)
 
 
-def test_detail_turns_with_the_cloth() -> None:
+@pytest.mark.parametrize("turn", [TURN, TURN * [1, -1, 1]], ids=["turned", "mirrored"])
+def test_detail_turns_with_the_cloth_and_mirrors_it(turn: np.ndarray) -> None:
+    """Every network turns it, one that was trained mirrors it."""
     coarse, fine = scenes(False)
-    up, past = SuperResolution(coarse, fine, SCALE, arrays=weights()), history(SMALL)
-    there = [State.still(turned(state.positions)) for state in past]
-    np.testing.assert_allclose(up.positions(there), turned(up.positions(past)), atol=2e-5)
+    torch.manual_seed(0)
+    detail = Detail(*frames_of([swung(0, 9)]))
+    net = Net(12, 3, False)
+    last: Any = net.layers[-1]
+    torch.nn.init.normal_(last.weight, std=0.1), torch.nn.init.normal_(last.bias, std=0.1)
+    up, past = SuperResolution(coarse, fine, SCALE, arrays=arrays(net, detail)), history(SMALL)
+    found, there = up.positions(past), [seen_there(state, turn) for state in past]
+    assert np.abs(found - up.bicubic(past[-1].positions)).max() > 0.1 * LIMIT * spacing(SMALL)
+    np.testing.assert_allclose(up.positions(there), turned(found, turn), atol=2e-5)
 
 
 def test_features_of_numpy_and_torch_agree() -> None:
     x = [crumpled(SMALL, 2, seed) for seed in range(3)]
-    held = np.zeros(SMALL.shape, np.float32)
+    held, planes = np.zeros(SMALL.shape, np.float32), [body.kind == "plane" for body in BODIES]
+    told = Bodies(around(2), around(2, 1), np.array([[body.radius for body in BODIES]], np.float32), planes)
+    tensors = Bodies(torch.from_numpy(told.now), torch.from_numpy(told.before), torch.from_numpy(told.radii), planes)
     for mine, other in zip(
-        features(x, held, SMALL), features([torch.from_numpy(a) for a in x], torch.from_numpy(held), SMALL), strict=True
+        features(x, told, held, SMALL),
+        features([torch.from_numpy(a) for a in x], tensors, torch.from_numpy(held), SMALL),
+        strict=True,
     ):
         np.testing.assert_allclose(mine, other.numpy(), atol=1e-5)
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_bodies_are_seen_as_contact_has_them(number: int) -> None:
+    """How near they are, and the normal, on which a vertex that goes with them does not slide."""
+    body, x, moved = BODIES[number], crumpled(SMALL, 2).astype(np.float64), np.array([0.01, 0.02, -0.03])
+    now = around(2)[:, number].astype(np.float64)
+    shift = np.where(np.array([[1], [body.kind != "plane"]]), moved, 0)
+    told = Bodies(now[:, None], (now - shift)[:, None], np.array([[body.radius]]), [body.kind == "plane"])
+    near, normal, slide = touched(x, np.broadcast_to(moved[:, None, None], x.shape), told, 0.3)
+    flat = x.reshape(2, 3, -1)
+    if body.kind == "plane":
+        gap = laws.dot(now[:, 1][:, :, None], flat - now[:, 0][:, :, None])
+    else:
+        away = flat - laws.on_axis(now, laws.axis_parameter(now, flat))
+        gap = np.linalg.norm(away, axis=1, keepdims=True) - body.radius
+    wanted = np.maximum(1 - gap / 0.3, 0)
+    assert 0 < (wanted > 0).mean() < 1
+    np.testing.assert_allclose(near.reshape(wanted.shape), wanted, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), near[:, 0], atol=1e-9)
+    closer, _, _ = touched(x - 1e-4 * normal, 0 * x, told, 0.3)
+    np.testing.assert_allclose(closer - near, 1e-4 / 0.3 * near, atol=1e-6)
+    np.testing.assert_allclose(slide, 0, atol=1e-12)
 
 
 def test_other_grids_are_refused() -> None:
@@ -303,3 +373,15 @@ def test_a_published_training_that_was_stopped_goes_on(tmp_path: Path, monkeypat
 def test_the_published_rate_falls_by_ten_until_the_middle() -> None:
     rate = published.published_rate(1e-4, 240)
     assert [rate(step) for step in (0, 39, 40, 80, 120, 239)] == pytest.approx([1e-4, 1e-4, 1e-5, 1e-6, 1e-7, 1e-7])
+
+
+@BOTH
+def test_what_is_finer_than_the_coarse_grid_is_what_its_waves_lack(periodic: bool) -> None:
+    """Up to the one of which two coarse cells are one."""
+    few, many = 8, 32
+    project = coarse_modes(few, many, periodic)
+    for waves in range(many // 2 if periodic else many):  # half ones between open ends
+        at = np.arange(many) * 2 / many if periodic else (np.arange(many + 1) + 0.5) / (many + 1)
+        wave = np.cos(np.pi * waves * at)
+        known = waves <= (few // 2 if periodic else few)
+        np.testing.assert_allclose(project @ wave, wave if known else 0 * wave, atol=1e-12)

@@ -28,7 +28,7 @@ from training.jobs import each
 from training.rows import read_rows
 from training.superres import generate as module
 from training.superres.generate import BACKEND, Plan, Protocol, generate
-from training.superres.pairs import SPLITS, read, rest, sequences, twin
+from training.superres.pairs import SPLITS, pairs_folder, read, rest, sequences, twin
 
 OPEN, WIDE, TUBE = Grid(13, 9, 0.6, 0.4), Grid(9, 13, 0.4, 0.6), Grid(9, 16, 0.4, 0.8, periodic=True)
 DT = 1e-6  # s of a frame: forces are what they are at its start, to this over the time in which anything moves
@@ -181,6 +181,22 @@ def test_a_broken_generator_restarts_its_sequence(tmp_path: Path, monkeypatch: p
     assert json.loads((tmp_path / "plan.json").read_text()) == {**vars(plan)}
     assert twin(sequences(tmp_path, "test")[0]).is_file()
     np.testing.assert_array_equal(read(sequences(tmp_path, "test")[0], slice(2, 3)).bodies.shape, (1, 0, 2, 3))
+
+
+def test_pairs_of_the_environments_own_grid_are_apart_from_the_papers(tmp_path: Path) -> None:
+    plan = Plan("Draping", 2, own=True)
+    generate(plan, tmp_path, [0, 10])
+    for split, number in (("train", 0), ("test", 10)):
+        pair = read(sequences(tmp_path, split)[0])
+        assert pair.number == number
+        assert (pair.fine.scene.grid.shape, pair.coarse.scene.grid.shape) == ((65, 65), (17, 17))
+    assert np.abs(plan.actions(plan.world(0), 0)).max() > 0  # smooth ones
+    with pytest.raises(ValueError, match="another plan"):
+        generate(Plan("Draping", 2), tmp_path, [0])
+    told = tmp_path / "plan.json"
+    told.write_text(json.dumps(vars(Plan("Draping", 2))).replace(', "own": false', ""))  # of before there was this
+    assert generate(Plan("Draping", 2), tmp_path, []) == 0
+    assert pairs_folder("Draping") != pairs_folder("Draping", own=True)
 
 
 def test_what_is_no_pair_is_not_read_as_one(tmp_path: Path) -> None:

@@ -12,11 +12,11 @@ from cloth_envs.arguments import true_or_false
 from cloth_envs.material import Material
 from cloth_envs.registry import SCENES
 from cloth_envs.scene import Scene
-from surrogates.checkpoint import WEIGHTS, load
+from surrogates.checkpoint import Checkpoint
 from surrogates.miniature.backend import MiniatureBackend
 from surrogates.miniature.coarse import coarse_grid
 from surrogates.superres.features import SCALE
-from surrogates.superres.network import divides, weights_name
+from surrogates.superres.network import divides, fitted_on, shipped
 
 SOLVER = "explicit"  # of the coarse cloth in training, with self-contact
 SPACING = 1.1  # times larger or smaller than in training that a side of a coarse cell may be
@@ -49,7 +49,8 @@ class MfsrBackend(MiniatureBackend):
         solver_kwargs: Mapping[str, Any] | None = None,
         strict: bool = False,
     ) -> None:
-        self._name, self._lacks, self._other = scene.name, lacks(scene), physics_beyond(scene, solver)
+        self._weights = shipped(scene.name, coarse_grid(scene.grid, SCALE)) if scene.name in SCENES else None
+        self._lacks, self._other = lacks(scene, self._weights), physics_beyond(scene, solver)
         why = self.beyond(scene.material)
         if true_or_false("strict", strict) and why:
             raise ValueError(f"strict=True: {why}: leave strict out for interpolation, or use the reference")
@@ -60,35 +61,28 @@ class MfsrBackend(MiniatureBackend):
 
     def beyond(self, material: Material) -> str:
         """Why a cloth of ``material`` is interpolated or beyond what was trained; empty where it is neither."""
-        return self._lacks or ", ".join(filter(None, (material_beyond(self._name, material), self._other)))
+        if self._lacks or self._weights is None:
+            return self._lacks
+        trained = fitted_on(self._weights)["material"]
+        other = [f"{key} {value:g}, trained on {trained[key]:g}" for key, value in material.as_dict().items()
+                 if value != trained[key]]  # fmt: skip
+        return ", ".join([*other[:2], *filter(None, [self._other])])
 
 
-def lacks(scene: Scene) -> str:
-    """Why there is no network for ``scene``; empty if there is one."""
-    name = weights_name(scene.name)
-    if scene.name not in SCENES or not (WEIGHTS / f"{name}.safetensors").is_file():
+def lacks(scene: Scene, weights: Checkpoint | None) -> str:
+    """Why ``weights`` do not fit ``scene``; empty if they do."""
+    if weights is None:
         return f"no super-resolution of {scene.name}"
     coarse = coarse_grid(scene.grid, SCALE)
     if not divides(coarse, scene.grid):
         return f"{scene.grid} is not {SCALE} times as fine as another grid"
-    trained = load(name).card["factors"][str(SCALE)]["fitted on"]["spacing"]
+    trained = fitted_on(weights)["spacing"]
     sides = coarse.row_spacing, coarse.col_spacing
     if any(not 1 / SPACING < side / trained < SPACING for side in sides):
         down, along = (f"{1e3 * side:.0f}" for side in sides)
         told = down if down == along else f"{down} x {along}"
-        return f'coarse cells of {told} mm, trained on {1e3 * trained:.0f} mm, those of preset="chen2020"'
+        return f"coarse cells of {told} mm, trained on {1e3 * trained:.0f} mm"
     return ""
-
-
-def material_beyond(scene: str, material: Material) -> str:
-    """Why the network was not trained on ``material``; empty if it was, or if there is none."""
-    name = weights_name(scene)
-    if not (WEIGHTS / f"{name}.safetensors").is_file():
-        return ""
-    trained = load(name).card["factors"][str(SCALE)]["fitted on"]["material"]
-    other = [f"{key} {value:g}, trained on {trained[key]:g}" for key, value in material.as_dict().items()
-             if value != trained[key]]  # fmt: skip
-    return ", ".join(other[:2])
 
 
 def physics_beyond(scene: Scene, solver: str) -> str:

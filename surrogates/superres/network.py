@@ -7,6 +7,7 @@ fine vertices at a time. The published network takes twice as long as the fine c
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from _minicloth_kernels import DetailNet
@@ -15,9 +16,11 @@ from cloth_envs.grid import Grid
 from cloth_envs.resample import Resampler
 from cloth_envs.scene import Scene
 from cloth_envs.state import State
-from surrogates.checkpoint import of_factor
-from surrogates.superres.features import FRAMES, LIMIT, SCALE, features, residual, spacing
+from surrogates.checkpoint import WEIGHTS, Checkpoint, load
+from surrogates.superres.features import FRAMES, LIMIT, REACH, SCALE, Bodies, features, residual, spacing
 from surrogates.upscale.protocol import Upscaler
+
+OWN = "_own"  # after the names of what was made on an environment's own grid
 
 
 class SuperResolution(Upscaler):
@@ -45,7 +48,8 @@ class SuperResolution(Upscaler):
                 f'upscaler="mfsr" needs {SCALE} fine cells along each side of a coarse one, got {fine.grid} from '
                 f'{coarse.grid}: ask for another resolution, or use upscaler="bicubic"'
             )
-        arrays = of_factor(weights_name(fine.name), SCALE) if arrays is None else arrays
+        if arrays is None and (found := shipped(fine.name, coarse.grid)):
+            arrays = found.of_factor(SCALE)
         if not arrays:
             raise ValueError(
                 f'upscaler="mfsr" has no weights for {fine.name}: use upscaler="bicubic", or train it with '
@@ -56,23 +60,32 @@ class SuperResolution(Upscaler):
         self.layers = [(arrays[f"weight{k}"], arrays[f"bias{k}"]) for k in range(count)]
         self.held = np.zeros(coarse.grid.shape, np.float32)
         self.held.flat[list(coarse.handles)] = 1
+        self.radii = np.array([body.radius + coarse.thickness for body in coarse.colliders], np.float32)
+        self.planes = [body.kind == "plane" for body in coarse.colliders]
         self.linear = Resampler(coarse.grid, fine.grid, "linear")
         self._net = DetailNet(
-            *coarse.grid.shape, coarse.grid.periodic, spacing(coarse.grid), LIMIT, self.mean, 1 / self.width, self.held,
+            *coarse.grid.shape, coarse.grid.periodic, spacing(coarse.grid), LIMIT, REACH, self.mean, 1 / self.width,
+            self.held, self.radii, self.planes,
             [np.ascontiguousarray(weight.reshape(len(weight), -1), np.float32) for weight, _ in self.layers],
             [np.ascontiguousarray(bias, np.float32) for _, bias in self.layers], self.linear.kernel,
         )  # fmt: skip
 
     def positions(self, history: Sequence[State]) -> np.ndarray:
         earlier, before, now = (np.ascontiguousarray(state.positions, np.float32) for state in history)
+        after, start = self.bodies(history)[:2]
         out = self.bicubic(now)
-        self._net.add(now, before, earlier, out, self.threads)
+        self._net.add(now, before, earlier, after, start, out, self.threads)
         return out
+
+    def bodies(self, history: Sequence[State]) -> Bodies:
+        """At the last two frames."""
+        now, before = (np.ascontiguousarray(history[k].colliders, np.float32) for k in (-1, -2))
+        return Bodies(now, before, self.radii[None], self.planes)
 
     def twin(self, history: Sequence[State]) -> np.ndarray:
         """``positions`` in NumPy."""
         past, grid = [state.positions.astype(np.float32) for state in history], self.coarse.grid
-        x, turn = features(past, self.held, grid)
+        x, turn = features(past, self.bodies(history), self.held, grid)
         x = (x - self.mean[:, None, None]) / self.width[:, None, None]
         for k, (weight, bias) in enumerate(self.layers):
             x = convolved(np.maximum(x, 0) if k else x, weight, grid.periodic) + bias[:, None, None]
@@ -81,9 +94,22 @@ class SuperResolution(Upscaler):
         return self.bicubic(past[-1]) + residual(said, turns.reshape(-1, 3, 3, *said.shape[2:]), grid)
 
 
-def weights_name(scene: str) -> str:
-    """The checkpoint of a scene."""
-    return f"mfsr_{scene.lower()}"
+def weights_name(scene: str, own: bool = False) -> str:
+    """The checkpoint of a scene on the grid of Chen et al. 2020, or on its ``own``."""
+    return f"mfsr_{scene.lower()}{OWN * own}"
+
+
+def shipped(scene: str, coarse: Grid) -> Checkpoint | None:
+    """What is shipped for a scene and was trained on the cells most like those of ``coarse``; None if nothing is."""
+    names = [weights_name(scene, own) for own in (False, True)]
+    found = [load(name) for name in names if (WEIGHTS / f"{name}.safetensors").is_file()]
+    return min(found, key=lambda one: abs(np.log(spacing(coarse) / fitted_on(one)["spacing"])), default=None)
+
+
+def fitted_on(weights: Checkpoint) -> dict[str, Any]:
+    """The spacing [m] and material that weights were trained on."""
+    told: dict[str, Any] = weights.card["factors"][str(SCALE)]["fitted on"]
+    return told
 
 
 def divides(coarse: Grid, fine: Grid) -> bool:

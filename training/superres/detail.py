@@ -1,8 +1,8 @@
 """Training of the network that adds detail to interpolation (``surrogates.superres``), and of ridge in its features.
 
-The loss is of the squared distance, of normals, of the error's second difference in time, which flickers, and of how
-wrinkled windows of the cloth are: the mean of all fine cloths that a coarse one may have is smoother than any of them.
-Each is in parts of what bicubic interpolation has.
+The loss is of the squared distance, of normals, of the error's second difference in time, which flickers, of how
+wrinkled windows of the cloth are, and of how much there is in them of what the coarse grid can't have: the mean of all
+fine cloths that a coarse one may have is smoother than any of them. Each is in parts of what bicubic interpolation has.
 """
 
 from collections.abc import Callable
@@ -16,11 +16,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from cloth_envs.resample import weights as interpolation
-from surrogates.superres.features import CHANNELS, FRAMES, SCALE, features, residual
+from surrogates.superres.features import CHANNELS, FRAMES, MIRROR, SCALE, Bodies, features, residual
 from surrogates.superres.image import normals
 from surrogates.superres.published import Conv, enlarged, tiled
 from training.fit import Kept, cosine, fit
-from training.superres.frames import CHUNK, Frames, wrinkles
+from training.superres.frames import CHUNK, Around, Frames, wrinkles
 
 WINDOW = 8  # fine vertices along a side, over which wrinkles are compared
 
@@ -30,7 +30,7 @@ class Recipe:
     """A network of ``layers`` hidden ones of ``width`` and its training.
 
     Attributes:
-        normal, flicker, wrinkle: weights of the losses beside that of distances, which is 1.
+        normal, flicker, wrinkle, fine: weights of the losses beside that of distances, which is 1.
         windows: of three frames in a batch. rate: falls along half a cosine.
     """
 
@@ -39,19 +39,65 @@ class Recipe:
     normal: float = 0.3
     flicker: float = 0.1
     wrinkle: float = 0.1
+    fine: float = 0.2
     steps: int = 6000
     windows: int = 4
     rate: float = 2e-3
     seed: int = 0
 
 
+class Mirrored(Conv):
+    """A convolution of 3 x 3 that makes of what is mirrored what it makes of the original, mirrored.
+
+    A mirrored image has ``signs`` times its channels, or, of hidden layers, that have none, its two halves of channels
+    for each other (the regular representation of the group). The weights that are used are the mean of those that
+    are learnt and of their mirror images.
+    """
+
+    def __init__(self, signs: tuple[Tensor | None, Tensor | None], inputs: int, outputs: int, periodic: bool) -> None:
+        super().__init__(inputs, outputs, 3, periodic=periodic)
+        self.signs = signs  # of inputs and outputs
+        with torch.no_grad():
+            self.weight *= 2**0.5  # as widely spread after the mean
+
+    def used(self) -> tuple[Tensor, Tensor]:
+        """The weights ``(outputs, inputs, 3, 3)`` and biases ``(outputs,)``."""
+        inputs, outputs = self.signs
+        assert self.bias is not None
+        other = _mirrored(_mirrored(self.weight, outputs, 0), inputs, 1)
+        return (self.weight + other) / 2, (self.bias + _mirrored(self.bias, outputs, 0)) / 2
+
+    def forward(self, x: Tensor) -> Tensor:
+        weight, bias = self.used()
+        return functional.conv2d(self.around(x), weight, bias, padding=self.open)
+
+
+def _mirrored(x: Tensor, signs: Tensor | None, axis: int) -> Tensor:
+    """Channels of a mirrored image, which lie along ``axis``."""
+    if signs is None:
+        return x.roll(x.shape[axis] // 2, axis)
+    return x * signs.to(x.device).view(-1, *[1] * (x.ndim - 1 - axis))
+
+
 class Net(nn.Module):
-    """From normalised features ``(B, CHANNELS, h, w)`` to numbers at the fine vertices, ``(B, 3, H, W)``."""
+    """From normalised features ``(B, CHANNELS, h, w)`` to numbers at the fine vertices, ``(B, 3, H, W)``.
+
+    Of a mirrored cloth it tells the mirrored detail, exactly.
+
+    Raises:
+        ValueError: a width that the compiled network does not have.
+    """
 
     def __init__(self, width: int, layers: int, periodic: bool) -> None:
         super().__init__()
+        if width % 4 or width > 256:
+            raise ValueError(f"width must be 4, 8, ... 256, got {width}")
         sizes = [CHANNELS, *[width] * layers, 3 * SCALE**2]
-        self.layers = nn.ModuleList([Conv(a, b, 3, periodic=periodic) for a, b in pairwise(sizes)])
+        ends = torch.from_numpy(MIRROR), torch.tensor([1.0, 1.0, -1.0]).repeat_interleave(SCALE**2)
+        signs = pairwise([ends[0], *[None] * layers, ends[1]])
+        self.layers = nn.ModuleList(
+            [Mirrored(sign, a, b, periodic) for sign, (a, b) in zip(signs, pairwise(sizes), strict=True)]
+        )
         self.periodic = periodic
         last: Any = self.layers[-1]
         nn.init.zeros_(last.weight), nn.init.zeros_(last.bias)
@@ -66,14 +112,17 @@ class Detail:
     """What makes fine cloths of the coarse ones of ``frames``: interpolation, and a network's residual to it.
 
     Args:
-        held: 1 where a coarse vertex is driven, else 0: ``(runs, h, w)``, on the device of the frames.
+        around: what is around the coarse ones, on the device of the frames.
         scale: mean and width of every feature, ``(1, CHANNELS, 1, 1)`` each; those of these frames if not given.
     """
 
-    def __init__(self, frames: Frames, held: Tensor, scale: tuple[Tensor, Tensor] | None = None) -> None:
-        self.frames, self.held, device = frames, held, frames.coarse.device
+    def __init__(self, frames: Frames, around: Around, scale: tuple[Tensor, Tensor] | None = None) -> None:
+        self.frames, self.around, device = frames, around, frames.coarse.device
         both = interpolation(frames.small, frames.large)
         self._rows, self._cols = (torch.tensor(part, dtype=torch.float32, device=device) for part in both)
+        cells = zip(frames.small.cells, frames.large.cells, (False, frames.small.periodic), strict=True)
+        modes = (torch.tensor(coarse_modes(*side), dtype=torch.float32, device=device) for side in cells)
+        self._down, self._along = modes
         self._run = torch.unique_consecutive(frames.run, return_inverse=True)[1]
         self.scale = scale or self._measured()
 
@@ -82,16 +131,26 @@ class Detail:
         found: Tensor = self._rows @ self.frames.coarse[numbers] @ self._cols.T
         return found
 
+    def finer(self, x: Tensor) -> Tensor:
+        """What of fine cloths ``(n, 3, H, W)`` is shorter than the waves that the coarse grid has."""
+        found: Tensor = x - self._down @ x @ self._along
+        return found
+
     def read(self, numbers: Tensor) -> tuple[Tensor, Tensor]:
         """Features ``(n, CHANNELS, h, w)`` and axes of frames that have two of their run before them."""
         past = [self.frames.coarse[numbers - back] for back in reversed(range(FRAMES))]
-        read, turn = features(past, self.held[self._run[numbers]][:, None], self.frames.small)
+        held, ends, radii, planes = self.around
+        run = self._run[numbers]
+        bodies = Bodies(ends[numbers], ends[numbers - 1], radii[run], planes)
+        read, turn = features(past, bodies, held[run][:, None], self.frames.small)
         return read, turn
 
     def _measured(self) -> tuple[Tensor, Tensor]:
         numbers = self.frames.starts(FRAMES - 1, 0)[::7]
         read = torch.cat([self.read(part)[0] for part in torch.split(numbers, CHUNK)])
-        return read.mean((0, 2, 3), keepdim=True), read.std((0, 2, 3), keepdim=True) + 1e-3
+        mean = read.mean((0, 2, 3), keepdim=True)
+        mean *= torch.from_numpy(MIRROR).to(mean.device).view(1, -1, 1, 1) > 0  # that of the cloth and its mirror image
+        return mean, (read - mean).square().mean((0, 2, 3), keepdim=True).sqrt() + 1e-3
 
     def turns(self, turn: Tensor) -> Tensor:
         """The coarse vertices' axes at the fine ones, ``(n, 3, 3, H, W)``."""
@@ -106,18 +165,38 @@ class Detail:
         return self.base(numbers) + residual(found, self.turns(turn), self.frames.small)
 
 
-def parts(x: Tensor, truth: Tensor, periodic: bool) -> list[Tensor]:
-    """The four losses of cloths ``(windows, 3, 3, H, W)`` [m]: distance, normals, flicker, wrinkles."""
+def parts(x: Tensor, truth: Tensor, periodic: bool, finer: Callable[[Tensor], Tensor]) -> list[Tensor]:
+    """The losses of cloths ``(windows, 3, 3, H, W)`` [m]: distance, normals, flicker, wrinkles, what is ``finer``."""
     gap = x - truth
     one, other = (cloth.flatten(0, 1) for cloth in (x, truth))
-    rough = [functional.avg_pool2d(wrinkles(part).square().sum(1, keepdim=True), WINDOW) for part in (one, other)]
-    a, b = ((part + 1e-11).sqrt() for part in rough)
+
+    def rough(part: Callable[[Tensor], Tensor]) -> Tensor:
+        square = (part(cloth).square().sum(1, keepdim=True) for cloth in (one, other))
+        a, b = ((functional.avg_pool2d(one, WINDOW) + 1e-11).sqrt() for one in square)
+        return (a - b).square().mean()
+
     return [
         gap.square().sum(2).mean(),
         (1 - (normals(one, periodic) * normals(other, periodic)).sum(1)).mean(),
         (gap[:, 2] - 2 * gap[:, 1] + gap[:, 0]).square().sum(1).mean(),
-        (a - b).square().mean(),
+        rough(wrinkles),
+        rough(finer),
     ]
+
+
+def coarse_modes(few: int, many: int, periodic: bool) -> np.ndarray:
+    """Projection ``(n, n)`` of the vertices of ``many`` cells onto the waves that ``few`` can have.
+
+    The shortest is as long as two of these: half waves of cosines between open ends, waves around a tube.
+    """
+    if periodic:
+        phase = 2 * np.pi * np.outer(np.arange(many), np.arange(few // 2 + 1)) / many
+        waves = np.concatenate([np.cos(phase), np.sin(phase[:, 1:])], 1)
+    else:
+        waves = np.cos(np.pi * np.outer(np.arange(many + 1) + 0.5, np.arange(few + 1)) / (many + 1))
+    base = np.linalg.qr(waves)[0]
+    found: np.ndarray = base @ base.T
+    return found
 
 
 def train(
@@ -142,12 +221,12 @@ def train(
         chosen = starts[torch.from_numpy(rng.integers(len(starts), size=recipe.windows))]
         numbers = (chosen[:, None] + torch.arange(3)).flatten()
         shape = (recipe.windows, 3, 3, *detail.frames.large.shape)
-        return parts(find(numbers).view(shape), detail.frames.fine[numbers].view(shape), grid.periodic)
+        return parts(find(numbers).view(shape), detail.frames.fine[numbers].view(shape), grid.periodic, detail.finer)
 
     with torch.no_grad():
         drawn = [compared(detail.base, np.random.default_rng((recipe.seed, 1, k))) for k in range(10)]
-    plain = [sum(float(batch[k]) for batch in drawn) / len(drawn) for k in range(4)]
-    weights = [1.0, recipe.normal, recipe.flicker, recipe.wrinkle]
+    plain = [sum(map(float, part)) / len(part) for part in zip(*drawn, strict=True)]
+    weights = [1.0, recipe.normal, recipe.flicker, recipe.wrinkle, recipe.fine]
 
     def loss(step: int) -> Tensor:
         found = compared(lambda numbers: detail(call, numbers), np.random.default_rng((recipe.seed, 0, step)))
@@ -161,7 +240,7 @@ def train(
 def ridge(detail: Detail, share: float = 1e-4) -> Net:
     """The linear network whose squared distance from the fine cloths is least: one layer, solved.
 
-    ``share`` of the mean square of the features is added to each one's.
+    ``share`` of the mean square of the features is added to each one's. Least over the mirrored cloths as well.
     """
     grid, device = detail.frames.small, detail.frames.coarse.device
     net = Net(0, 0, grid.periodic).to(device)
@@ -176,6 +255,9 @@ def ridge(detail: Detail, share: float = 1e-4) -> Net:
         wanted = (detail.turns(turn) * gap).sum(2) / float(np.sqrt(grid.row_spacing * grid.col_spacing))
         cells = tiles(wanted, grid.periodic).flatten(2).transpose(1, 2).flatten(0, 1).double()
         square, product = square + seen.T @ seen, product + seen.T @ cells
+    inputs, outputs = (sign.to(device).double() for sign in layer.signs)
+    inputs = torch.cat([inputs.repeat_interleave(9), inputs.new_ones(1)])
+    square, product = square * (1 + torch.outer(inputs, inputs)), product * (1 + torch.outer(inputs, outputs))
     square += share * square.diagonal().mean() * torch.eye(len(square), device=device, dtype=torch.float64)
     solved = torch.linalg.solve(square, product).T.float()
     with torch.no_grad():

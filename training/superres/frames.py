@@ -39,8 +39,27 @@ class Frames(NamedTuple):
         return number[self.run[: last - before] == self.run[before + after :]]
 
 
-def frames_of(pairs: Sequence[Pair]) -> tuple[Frames, Tensor]:
-    """All frames of ``pairs`` but the starts, and which coarse vertices are driven, ``(runs, h, w)``."""
+class Around(NamedTuple):
+    """What is around the coarse cloths of frames.
+
+    Attributes:
+        held: 1 where a coarse vertex is driven, else 0, ``(runs, h, w)``.
+        bodies: ``(N, C, 2, 3)`` [m] as of ``State.colliders``. radii: with the thickness of contact, ``(runs, C)`` [m].
+        planes: which bodies are planes.
+    """
+
+    held: Tensor
+    bodies: Tensor
+    radii: Tensor
+    planes: Sequence[bool]
+
+    def to(self, device: torch.device) -> "Around":
+        """The same on ``device``."""
+        return Around(self.held.to(device), self.bodies.to(device), self.radii.to(device), self.planes)
+
+
+def frames_of(pairs: Sequence[Pair]) -> tuple[Frames, Around]:
+    """All frames of ``pairs`` but the starts, and what is around the coarse cloths."""
 
     def cloths(name: str) -> Tensor:
         return torch.from_numpy(
@@ -49,11 +68,15 @@ def frames_of(pairs: Sequence[Pair]) -> tuple[Frames, Tensor]:
 
     few, many = pairs[0].coarse.scene, pairs[0].fine.scene
     held = np.zeros((len(pairs), *few.grid.shape), np.float32)
-    for k, pair in enumerate(pairs):
-        held[k].flat[list(pair.coarse.scene.handles)] = 1
+    radii = np.zeros((len(pairs), len(few.colliders)), np.float32)
+    for k, scene in enumerate(pair.coarse.scene for pair in pairs):
+        held[k].flat[list(scene.handles)] = 1
+        radii[k] = [body.radius + scene.thickness for body in scene.colliders]
+    bodies = np.concatenate([pair.bodies[1:] for pair in pairs]).astype(np.float32)
+    planes = [body.kind == "plane" for body in few.colliders]
     run = torch.tensor([pair.number for pair in pairs]).repeat_interleave(len(pairs[0].coarse.positions) - 1)
     frames = Frames(cloths("coarse"), cloths("fine"), run, few.grid, many.grid, few.frame_dt)
-    return frames, torch.from_numpy(held)
+    return frames, Around(torch.from_numpy(held), torch.from_numpy(bodies), torch.from_numpy(radii), planes)
 
 
 class Aligned(NamedTuple):

@@ -1,7 +1,8 @@
 """``minicloth generate SCENE --pairs synchronised``: a coarse cloth, and a fine one pulled along with it.
 
 Of Draping, Hitting and Skirt the sequences of Chen et al. 2020 (``preset="chen2020"``, actions of zero), of other
-scenes smooth actions. Each is two recordings, ``coarse`` and ``fine`` of ``train`` or ``test``; whole ones are kept.
+scenes, and with ``--own`` of these too, the environment's grid and smooth actions. Each is two recordings, ``coarse``
+and ``fine`` of ``train`` or ``test``; whole ones are kept.
 """
 
 import errno
@@ -27,10 +28,9 @@ from cloth_envs.registry import EPISODE_FRAMES, load_task
 from cloth_envs.state import State
 from cloth_envs.world import World
 from surrogates.superres.synchronised import RATES, Synchronised
-from training.cache import cache_folder
 from training.jobs import each
 from training.rollouts import record, seeded_actions
-from training.superres.pairs import SPLITS, place, twin
+from training.superres.pairs import SPLITS, pairs_folder, place, twin
 
 PRESET = "chen2020"
 BACKEND = f"{Synchronised.__module__}:{Synchronised.__qualname__}"
@@ -41,7 +41,11 @@ USUAL = 13, 10  # sequences, and how many of them are for training, of scenes th
 
 @dataclass(frozen=True)
 class Plan:
-    """What decides the pairs, but for how many sequences there are."""
+    """What decides the pairs, but for how many sequences there are.
+
+    Attributes:
+        own: the environment's grid and smooth actions, not the paper's sequences.
+    """
 
     scene: str
     frames: int
@@ -49,6 +53,16 @@ class Plan:
     tracking: str = "mean"
     rate: float | None = None
     layout: int = 1
+    own: bool = False
+
+    @property
+    def published(self) -> bool:
+        """Whether the sequences are the paper's."""
+        return not self.own and PRESET in presets_of(self.scene)
+
+    @property
+    def protocol(self) -> "Protocol":
+        return Protocol.of(self.scene, self.own)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -56,18 +70,18 @@ class Plan:
         return {"factor": self.factor, "tracking": self.tracking, "rate": self.rate}
 
     @classmethod
-    def usual(cls, scene: str, frames: int, *, factor: int = 4, tracking: str = "mean") -> "Plan":
+    def usual(cls, scene: str, frames: int, *, factor: int = 4, tracking: str = "mean", own: bool = False) -> "Plan":
         """With the rate that fits the scene."""
-        return cls(scene, frames, factor, tracking, RATE.get(scene) if tracking == "mean" else None)
+        return cls(scene, frames, factor, tracking, RATE.get(scene) if tracking == "mean" else None, own=own)
 
     def world(self, number: int) -> World:
         """That of a sequence: the paper's, where it has the scene, else the scene's at its own resolution."""
-        preset = {"name": PRESET, "sequence": number} if PRESET in presets_of(self.scene) else None
+        preset = {"name": PRESET, "sequence": number} if self.published else None
         return World(self.scene, preset=preset, backend=BACKEND, backend_kwargs=self.options)
 
     def actions(self, world: World, number: int) -> np.ndarray:
         """None of the paper's sequences, smooth ones of other scenes; ``(frames, 1, A)``."""
-        if PRESET in presets_of(self.scene):
+        if self.published:
             return np.zeros((self.frames, 1, len(world.task.actions)))
         return seeded_actions(world, [number], ["smooth"], self.frames)
 
@@ -81,8 +95,8 @@ class Protocol:
     frames: int
 
     @classmethod
-    def of(cls, scene: str) -> "Protocol":
-        if PRESET not in presets_of(scene):
+    def of(cls, scene: str, own: bool = False) -> "Protocol":
+        if own or PRESET not in presets_of(scene):
             return cls(*USUAL, EPISODE_FRAMES[scene])
         task = load_preset(scene, PRESET)
         return cls(task.sequences, task.trained, task.frames)  # type: ignore[attr-defined]
@@ -107,7 +121,7 @@ def write_sequence(plan: Plan, folder: Path, number: int) -> None:
     actions = plan.actions(world, number)
     cloths = world.backend
     assert isinstance(cloths, Synchronised)
-    fine = place(folder, Protocol.of(plan.scene).split(number), number)
+    fine = place(folder, plan.protocol.split(number), number)
     ends = twin(fine), fine
     parts = [end.with_name(f".{end.name}.part") for end in ends]
     for part in parts:
@@ -152,9 +166,9 @@ def missing(plan: Plan, folder: Path, numbers: Sequence[int]) -> list[int]:
     told = folder / "plan.json"
     if not told.is_file():
         write_bytes(told, text.encode())
-    elif told.read_text(encoding="utf-8") != text:
+    elif told.read_text(encoding="utf-8") not in (text, text.replace(', "own": false', "")):  # the latter is older
         raise ValueError(f"{folder} holds pairs of another plan: choose another --out, or remove it")
-    split = Protocol.of(plan.scene).split
+    split = plan.protocol.split
 
     def whole(path: Path) -> bool:
         try:
@@ -186,6 +200,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser = Parser(prog="minicloth generate", description=__doc__)
     parser.add_argument("scene", metavar="SCENE")
     parser.add_argument("--pairs", choices=["synchronised"], required=True)
+    parser.add_argument("--own", action="store_true", help="the environment's grid, not the paper's sequences")
     parser.add_argument("--sequences", type=int, help="how many, of training and for testing (default: the paper's)")
     parser.add_argument("--frames", type=int, help="of each (default: the paper's)")
     parser.add_argument("--factor", type=int, default=4, help="times fewer cells of the coarse cloth (default 4)")
@@ -197,7 +212,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, help="folder of the files (default: in the user's cache)")
     given = parser.parse_args(argv)
     load_task(given.scene)
-    usual = Protocol.of(given.scene)
+    usual = Protocol.of(given.scene, given.own)
     count = usual.sequences if given.sequences is None else given.sequences
     frames = usual.frames if given.frames is None else given.frames
     for name, value in {"sequences": count, "frames": frames, "factor": given.factor, "jobs": given.jobs}.items():
@@ -206,8 +221,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     for name, value, most in ("sequences", count, usual.sequences), ("frames", frames, usual.frames):
         if value > most:  # more frames of a dance would be those of the next sequence, the test's even
             parser.error(f"--{name} must be at most {most}, which {given.scene} has")
-    plan = Plan.usual(given.scene, frames, factor=given.factor, tracking=given.tracking)
-    folder, numbers = given.out or cache_folder("synchronised") / given.scene.lower(), usual.first(count)
+    plan = Plan.usual(given.scene, frames, factor=given.factor, tracking=given.tracking, own=given.own)
+    folder, numbers = given.out or pairs_folder(given.scene, given.own), usual.first(count)
     size = count * (frames + 1) * 9 * plan.world(0).scene.grid.vertices * (1 + given.factor**-2)
     tests = sum(usual.split(number) == SPLITS[1] for number in numbers)
     announce(

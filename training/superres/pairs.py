@@ -8,8 +8,15 @@ import numpy as np
 from cloth_envs.grid import Grid
 from cloth_envs.recording import Rollout
 from cloth_envs.scene import Scene
+from surrogates.superres.network import OWN
+from training.cache import cache_folder
 
 SPLITS = ("train", "test")
+
+
+def pairs_folder(scene: str, own: bool = False) -> Path:
+    """Where a scene's pairs are unless told otherwise: those of the paper, or of its ``own`` grid."""
+    return cache_folder("synchronised") / (scene.lower() + OWN * own)
 
 
 def place(folder: Path, split: str, number: int) -> Path:

@@ -10,17 +10,20 @@
 
 namespace minicloth {
 
-constexpr int kTaps9 = 9;      // of a convolution
-constexpr int kScale = 4;      // fine cells along each side of a coarse one
-constexpr int kChannels = 34;  // surrogates/superres/features.py says which
+constexpr int kTaps9 = 9;                    // of a convolution
+constexpr int kScale = 4;                    // fine cells along each side of a coarse one
+constexpr int kVectors = 13;                 // surrogates/superres/features.py says which
+constexpr int kChannels = 3 * kVectors + 2;  // and the numbers
 
 struct DetailNet {
   int rows, cols;  // of the coarse grid
   bool periodic;
-  float spacing, limit;               // m, and of a residual, in spacings
+  float spacing, limit, reach;        // m; of a residual and of bodies, in spacings
   Plane<float> mean, per, held;       // of the channels: means and inverse widths; 1 at driven vertices, else 0
   std::vector<DenseLayer<4>> layers;  // from inputs * 9 numbers, tap after tap
   std::vector<Plane<float>> biases;
+  Plane<float> radii;  // m, of bodies, with the thickness of contact
+  std::vector<bool> planes;
   Grids finer;  // linear, of axes
 
   int fine_rows() const { return kScale * (rows - 1) + 1; }
@@ -28,8 +31,10 @@ struct DetailNet {
 };
 
 struct DetailLanes {
-  // Adds the residual of coarse positions (3, rows, cols) of the last three frames to fine ones.
-  void (*add)(const DetailNet&, const float* now, const float* before, const float* earlier, float* fine);
+  // Adds the residual of coarse positions (3, rows, cols) of the last three frames, among bodies (C, 2, 3) at the last
+  // two of them, to fine ones.
+  void (*add)(const DetailNet&, const float* now, const float* before, const float* earlier, const float* bodies,
+              const float* bodies_before, float* fine);
 };
 DECLARE_LANES(DetailLanes)
 

@@ -81,6 +81,8 @@ void convolve(const Images& grid, const DenseLayer<4>& layer, const float* bias,
 struct Vec {
   float x, y, z;
   Vec operator-(const Vec& o) const { return {x - o.x, y - o.y, z - o.z}; }
+  Vec operator+(const Vec& o) const { return {x + o.x, y + o.y, z + o.z}; }
+  Vec operator*(float s) const { return {x * s, y * s, z * s}; }
   float dot(const Vec& o) const { return x * o.x + (y * o.y + z * o.z); }
   Vec cross(const Vec& o) const { return {y * o.z - z * o.y, z * o.x - x * o.z, x * o.y - y * o.x}; }
   Vec unit() const {
@@ -89,9 +91,43 @@ struct Vec {
   }
 };
 
+// How near the nearest body is to a vertex; its normal there, and what the vertex slid along it in the last frame.
+struct Touch {
+  float near;
+  Vec normal, slide;
+};
+
+// Of a vertex that moved by step, among bodies (C, 2, 3) now and a frame before.
+Touch touched(const DetailNet& net, const Vec& here, const Vec& step, const float* bodies, const float* before) {
+  const float reach = net.reach * net.spacing;
+  float gap = reach;
+  Touch touch{0.0f, {0, 0, 0}, {0, 0, 0}};
+  for (std::size_t k = 0; k < net.radii.size(); ++k, bodies += 6, before += 6) {
+    const Vec end{bodies[0], bodies[1], bodies[2]}, other{bodies[3], bodies[4], bodies[5]};
+    const Vec old{before[0], before[1], before[2]}, old_other{before[3], before[4], before[5]};
+    Vec moved = end - old, out = other;
+    float away;
+    if (net.planes[k]) {
+      away = out.dot(here - end);
+    } else {
+      const Vec axis = other - end;
+      const float square = axis.dot(axis);
+      const float place = std::clamp((here - end).dot(axis) / (square > 0 ? square : 1.0f), 0.0f, 1.0f);
+      moved = moved + (axis - (old_other - old)) * place;
+      const Vec off = (here - end) - axis * place;
+      away = std::sqrt(off.dot(off) + 1e-20f);
+      out = off * (1.0f / away);
+    }
+    away -= net.radii[k];
+    if (away < gap) gap = away, touch.normal = out, touch.slide = step - moved;
+  }
+  touch.near = 1.0f - gap / reach;
+  return touch;
+}
+
 // The normalised channels, and the axes (9, rows, cols).
 void read(const DetailNet& net, const Images& grid, const float* now, const float* before, const float* earlier,
-          float* images, float* turn) {
+          const float* bodies, const float* bodies_before, float* images, float* turn) {
   const int rows = net.rows, cols = net.cols, n = rows * cols;
   const float per = 1.0f / net.spacing;
   for (int r = 0; r < rows; ++r)
@@ -118,7 +154,9 @@ void read(const DetailNet& net, const Images& grid, const float* now, const floa
       for (int k = 0; k < 4; ++k) seen((x[k] - vertex(before, near[k])) - step);
       seen(step), seen(step - (old - vertex(earlier, i)));
       for (const Vec& axis : axes) put(-axis.z);
-      put(net.held[i]);
+      const Touch touch = touched(net, here, step, bodies, bodies_before);
+      seen(touch.normal * (net.spacing * touch.near)), seen(touch.slide * touch.near);
+      put(net.held[i]), put(touch.near);
       for (int k = 0; k < 3; ++k) {
         float* line = turn + 3 * k * n + i;
         line[0] = axes[k].x, line[n] = axes[k].y, line[2 * n] = axes[k].z;
@@ -144,7 +182,8 @@ void untile(const DetailNet& net, const Images& grid, const float* tiles, float*
     }
 }
 
-void add(const DetailNet& net, const float* now, const float* before, const float* earlier, float* fine) {
+void add(const DetailNet& net, const float* now, const float* before, const float* earlier, const float* bodies,
+         const float* bodies_before, float* fine) {
   const Images grid(net);
   int widest = kChannels;
   for (const auto& layer : net.layers) widest = std::max(widest, layer.outputs);
@@ -153,7 +192,7 @@ void add(const DetailNet& net, const float* now, const float* before, const floa
   first.resize(widest * grid.plane), second.resize(widest * grid.plane), turn.resize(9 * n);
   turns.resize(9 * std::size_t(all) + kBlock), said.resize(3 * std::size_t(all) + kBlock);
   float *in = first.data(), *out = second.data();
-  read(net, grid, now, before, earlier, in, turn.data());
+  read(net, grid, now, before, earlier, bodies, bodies_before, in, turn.data());
   for (std::size_t l = 0; l < net.layers.size(); ++l, std::swap(in, out)) {
     if (l + 1 == net.layers.size()) {
       convolve<false>(grid, net.layers[l], net.biases[l].data(), in, out);
