@@ -11,6 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from cloth_envs.files import replacing
 from cloth_envs.progress import progress
+from cloth_envs.state import State
 from cloth_envs.style import INK, import_figure
 from cloth_envs.world import World
 from surrogates.superres.features import FRAMES, SCALE
@@ -69,7 +70,7 @@ def cloths(scene: str, sequence: int, frames: int) -> tuple[World, list[np.ndarr
     world = World(scene, preset={"name": "chen2020", "sequence": sequence}, backend=backend)
     world.reset({0: np_random(sequence)[0]})
     pair: Any = world.backend
-    path = []
+    path: list[State] = []
     for _ in range(frames):
         world.step(np.zeros((1, len(world.task.actions))))
         path = [*path[1 - FRAMES :], pair.coarse.copy()]
