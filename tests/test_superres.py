@@ -6,6 +6,7 @@ from dataclasses import replace
 from itertools import pairwise
 from json import loads
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import numpy as np
@@ -338,6 +339,7 @@ def test_a_published_training_learns_and_is_kept(tmp_path: Path, monkeypatch: py
     assert (
         published.test(recipe, net, Aligned.of(frames), Aligned.of(frames).range())["psnr"] > told["curve"][0][1] + 10
     )
+    monkeypatch.setattr(published, "_affordable", lambda *_: 30)  # however busy the machine is
     for _ in range(2):
         published.run(["all"], Aligned.of(frames), Aligned.of(frames), 0.1, tmp_path, "Draping")
         monkeypatch.setattr(published, "train", None)  # not called again
@@ -345,6 +347,15 @@ def test_a_published_training_learns_and_is_kept(tmp_path: Path, monkeypatch: py
     curve = read_rows(tmp_path / f"{CONVERGENCE}.csv", ConvergenceRow)
     assert [row.psnr for row in curve if row.feature == "velocity"][-1] > curve[2].psnr
     assert not list(tmp_path.glob("*.part"))
+
+
+def test_a_published_training_has_the_steps_that_its_time_allows() -> None:
+    def batch(_: int) -> torch.Tensor:
+        sleep(0.01)
+        return torch.zeros(1, requires_grad=True).sum()
+
+    assert 1 <= published._affordable(batch, 0.5) <= 50
+    assert published._affordable(batch, 1e-4) == 1
 
 
 def test_a_published_training_that_was_stopped_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
