@@ -9,7 +9,7 @@ namespace LANES {
 namespace {
 
 constexpr int kColumns = 8;
-constexpr double kMargin = 0.005;  // m, beyond what speeds ask for
+constexpr double kMargin = 0.002;  // m, beyond what speeds ask for
 constexpr double kWild = 0.01;     // m, in all steps
 
 template <class T>
