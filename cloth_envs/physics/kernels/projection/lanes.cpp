@@ -13,7 +13,7 @@ namespace {
 
 using F = V<float>;
 constexpr int kWide = kLanes<float>;
-constexpr int kRun = 64;           // vertices
+constexpr int kRun = 32;           // vertices
 constexpr float kRounded = 1e-4f;  // m, more than rounding makes of a distance
 
 // Outward normals, gaps to the surface (negative inside) and velocities of a body at x.
