@@ -58,6 +58,6 @@ def test_the_look_up_of_bodies_misses_none(scene: str, options: dict[str, Any], 
                 more.collider_velocities = np.concatenate([controls.collider_velocities, speed], 1)
                 path.append(solver.advance(more).positions.copy())
         ends.append(np.stack(path))
-    np.testing.assert_array_equal(*ends)
+    np.testing.assert_array_equal(ends[0], ends[1])
     touched = np.linalg.norm(ends[0][frames - 1] - ends[0][0], axis=1).max()
     assert touched > 0.05  # m
