@@ -99,6 +99,23 @@ inline bool any(const Mask& mask) {
 #endif
 }
 
+// A bit for every lane in which a comparison holds.
+template <class T, class Mask>
+inline unsigned bits(const Mask& mask) {
+#if defined(__AVX512F__)
+  return unsigned(sizeof(T) == 4 ? _mm512_test_epi32_mask((__m512i)mask, (__m512i)mask)
+                                 : _mm512_test_epi64_mask((__m512i)mask, (__m512i)mask));
+#elif defined(__AVX2__)
+  return unsigned(sizeof(T) == 4 ? _mm256_movemask_ps((__m256)mask) : _mm256_movemask_pd((__m256d)mask));
+#elif defined(__SSE2__)
+  return unsigned(sizeof(T) == 4 ? _mm_movemask_ps((__m128)mask) : _mm_movemask_pd((__m128d)mask));
+#else
+  unsigned found = 0;
+  for (int k = 0; k < kLanes<T>; ++k) found |= unsigned(mask[k] != 0) << k;
+  return found;
+#endif
+}
+
 // A bit for every lane in which a < b.
 template <class T>
 inline unsigned less(const V<T>& a, const V<T>& b) {

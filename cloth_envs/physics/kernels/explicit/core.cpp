@@ -139,7 +139,7 @@ bool Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
   if (tracking && tracking->means) means.emplace_back(*tracking, sheet_, s, materials, members, substeps);
   for (std::size_t m = 0; tracking && !tracking->means && m < members.size(); ++m)
     shared.emplace_back(*tracking, sheet_, s, materials[members[m]], members[m], int(m), count);
-  thread_local Near near;
+  thread_local std::vector<Near> near;
   for (int k = 0; k <= count; ++k) {
     if (slow_forces && k % held == 0) {
       const double later = middle(k, std::min(k + held, count + 1), count), since = k > held ? held : held - 0.5;

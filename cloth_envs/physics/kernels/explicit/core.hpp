@@ -25,12 +25,13 @@ struct Fields {
 template <class T>
 using Lanes = T[kMostLanes<T>];
 
-// Which bodies the vertices of a vector may meet in the next substeps: of every row and column a bit for each body,
-// the same for every kBits-th.
+// Vectors with vertices that may meet bodies in the next substeps: the element of the first lane, a bit for each such
+// lane and for each body, the same for every kBits-th.
 constexpr int kBits = 64;
 struct Near {
-  std::vector<std::uint64_t> bodies;
-  std::vector<int> block;  // those near some columns
+  int at;
+  unsigned lanes;
+  std::uint64_t bodies;
 };
 
 // What a substep needs of every lane's cloth.
@@ -59,13 +60,14 @@ struct ExplicitLanes {
   int width;
   // A substep of springs, dampers, gravity, drag, the slow forces and contact with bodies.
   using Step = void (*)(const Strips<T>&, const Fields<T>&, const StepTerms<T>&, const std::vector<BodyLanes<T>>&,
-                        const Near&);
+                        const std::vector<Near>&);
   Step step[2][3];  // [simple material][Part]
   // Bending and the air.
   using Slow = void (*)(const Strips<T>&, const Fields<T>&, const SlowTerms<T>&);
   Slow slow[2][2][2];  // [bending][air][pressure]; none for none
   // Which bodies are near for some substeps: see near.hpp.
-  void (*near)(const Strips<T>&, const Fields<T>&, const StepTerms<T>&, const std::vector<BodyLanes<T>>&, int, Near&);
+  void (*near)(const Strips<T>&, const Fields<T>&, const StepTerms<T>&, const std::vector<BodyLanes<T>>&, int,
+               std::vector<Near>&);
   // Of the shear of positions, and of velocities: see shear.hpp.
   T (*slant)(int, int, const T*);
   T (*apart)(int, int, const T*);

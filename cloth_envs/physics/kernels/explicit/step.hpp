@@ -12,7 +12,7 @@ namespace {
 // lies in the length.
 template <class T, bool kSimple, Part kPart>
 void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const std::vector<BodyLanes<T>>& bodies,
-          const Near& near) {
+          const std::vector<Near>& near) {
   constexpr int n = kLanes<T>, q = 3 * n, w = 4 * n;
   const int cols = s.cols;
   const V<T> none = {};
@@ -22,7 +22,6 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
   const std::ptrdiff_t to_x = f.x - f.y, to_v = f.v - f.y, to_slow = f.slow - f.y;
   T* const arrive = f.arrive;
   ghosts(s, f.x, 0, 1), ghosts(s, f.y, 0, 1);
-  const std::vector<Moving<T>>* const moving = kPart == Part::kBodies ? &moving_bodies(bodies, p) : nullptr;
 
   // What edges to d pull with, over d; e are the same of y.
   using Ways = V3<T>[4];
@@ -98,10 +97,6 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
       vertex(cols - 1, no, border, no, diagonal, T(2) * inner);
       set_pulls<T>(arrive + (cols - 1) * w, down_before);
     }
-    if constexpr (kPart == Part::kBodies)
-      if (r)
-        keep_out(bodies, near.bodies.data() + std::size_t(r) * cols, *moving, p, cols, f.x + s.at(r, 0),
-                 f.v + s.at(r, 0), row);
   }
   // The first row waited: what arrives there comes from the last row of the band before.
   const V<T> inner = accelerate * load(s.inverse_area.data()), fall = load(p.gravity_kick) * load(s.inside.data());
@@ -112,8 +107,7 @@ void step(const Strips<T>& s, const Fields<T>& f, const StepTerms<T>& p, const s
     const bool border = !s.periodic && (c == 0 || c == cols - 1);
     move(y0, get<T>(y0 + to_x), all, border ? T(2) * inner : inner, fall);
   }
-  if constexpr (kPart == Part::kBodies)
-    keep_out(bodies, near.bodies.data(), *moving, p, cols, f.x + s.at(0, 0), f.v + s.at(0, 0), f.y + s.at(0, 0));
+  if constexpr (kPart == Part::kBodies) keep_out(s, p, bodies, near, f.x, f.v, f.y);
   if constexpr (kPart == Part::kLast)
     if (!bodies.empty()) rest(s, f, p, bodies, near);
 }

@@ -1,5 +1,7 @@
 // Keeps upscaled vertices out of bodies.
 #pragma once
+#include <vector>
+
 #include "../base/dispatch.hpp"
 
 namespace minicloth {
@@ -16,10 +18,11 @@ struct Pushed {
 };
 
 struct ProjectionLanes {
-  // Puts those of n vertices (3, n) that are in the body on its surface.
-  Pushed (*push)(const UpscaledBody&, int n, float* x);
-  // Takes from vertices within `reach` of the body's surface the velocity into it.
-  void (*stop)(const UpscaledBody&, int n, const float* x, float* v, float reach);
+  // Puts those of n vertices (3, n) that are in bodies on their surfaces: one body after the other, twice where there
+  // are several. How many were in a body the first time.
+  Pushed (*push)(const std::vector<UpscaledBody>&, int n, float* x);
+  // Takes from vertices within `reach` of surfaces the velocity into them.
+  void (*stop)(const std::vector<UpscaledBody>&, int n, const float* x, float* v, float reach);
 };
 DECLARE_LANES(ProjectionLanes)
 

@@ -98,7 +98,8 @@ class Fine {
       const auto finish = [&](const Mend* mends) {
         put(at, there);
         if (mends) (*mends)(at);
-        push_out(at, met, pushed.data()[b], depth.data()[b]);
+        const Pushed found = push_out(at, met);
+        pushed.data()[b] = found.count, depth.data()[b] = found.depth;
       };
       thread_local std::vector<float> half;
       if (between) {
@@ -115,11 +116,7 @@ class Fine {
         (*cubic)(from, 3, at), finish(mend_cubic);
         if (mend_more && !(strain(at) <= guard)) finish(mend_more);
       }
-      const auto settle = [&](float* cloth) {
-        int count;
-        float deepest;
-        put(cloth, there), push_out(cloth, met, count, deepest);
-      };
+      const auto settle = [&](float* cloth) { put(cloth, there), push_out(cloth, met); };
       const Held stay = {held_, settle};
       const bool folds = sheet_.self_thickness > 0;
       for (int round = 0; folds && round < kSeparations && separate(sheet_, stay, from, int(h), int(w), at, round > 0);
@@ -170,22 +167,14 @@ class Fine {
       for (std::size_t i = 0; i < count; ++i) field[k * n + held_[i]] = kept[k * count + i];
   }
 
-  // Bodies act one after the other, twice where there are several.
-  void push_out(float* x, const std::vector<UpscaledBody>& bodies, int& count, float& deepest) const {
-    count = 0, deepest = 0;
-    without_held(x, [&] {
-      for (int pass = 0; pass < 2 && (pass == 0 || (count > 0 && bodies.size() > 1)); ++pass)
-        for (const auto& body : bodies) {
-          const Pushed now = lanes<ProjectionLanes>().push(body, sheet_.rows * sheet_.cols, x);
-          if (pass == 0) count += now.count, deepest = std::max(deepest, now.depth);
-        }
-    });
+  Pushed push_out(float* x, const std::vector<UpscaledBody>& bodies) const {
+    Pushed all = {0, 0};
+    without_held(x, [&] { all = lanes<ProjectionLanes>().push(bodies, sheet_.rows * sheet_.cols, x); });
+    return all;
   }
 
   void stop_at(float* v, const float* x, const std::vector<UpscaledBody>& bodies) const {
-    without_held(v, [&] {
-      for (const auto& body : bodies) lanes<ProjectionLanes>().stop(body, sheet_.rows * sheet_.cols, x, v, reach_);
-    });
+    without_held(v, [&] { lanes<ProjectionLanes>().stop(bodies, sheet_.rows * sheet_.cols, x, v, reach_); });
   }
 
   Sheet sheet_;

@@ -10,12 +10,6 @@
 
 namespace minicloth {
 
-// Two cells; bit 2 i + j: triangle i of the first, 0 the lower, 1 the upper, may cross triangle j of the second.
-struct MeetingCells {
-  int first, second;
-  unsigned triangles;
-};
-
 // Of a sheet of one shape; keeps its memory from cloth to cloth. Vertex and cell (r, c) are number r * stride + 1 + c
 // of their planes, so that there is room for what lies beside them. Blocks of 4 x 4 cells are numbered row by row; a
 // strip is of kBlock blocks.

@@ -2,44 +2,17 @@
 #include <algorithm>
 #include <cstring>
 
+#include "../selfcontact/planes.hpp"
 #include "meet_pairs.hpp"
 
 namespace minicloth {
 namespace LANES {
 namespace {
 
-constexpr float kRound = 4e-6f;  // of the distance of a plane, and more than rounding may take
-
-// Where a triangle of a cell has one of another cell wholly on one side of its plane.
-using Mask = decltype(F{} < F{});
-struct Sides {
-  Mask apart[2][2];  // [triangle of the cell][of the other]
-};
-inline Sides sides(const V3<float> (&p)[4], const V3<float> (&q)[4]) {
-  Sides to;
-  const V3<float> diagonal = p[3] - p[0], down = p[2] - p[0], right = p[1] - p[0];
-  const F size = most(dot(diagonal, diagonal), most(dot(down, down), dot(right, right)));
-  V3<float> d[4];
-  F far = {};
-  for (int k = 0; k < 4; ++k) d[k] = q[k] - p[0], far = most(far, dot(d[k], d[k]));
-  far += tiny<float>;
-  const F margin = kRound * size * (far * rsqrt(far));
-  for (int i = 0; i < 2; ++i) {
-    const V3<float> normal = i ? cross(diagonal, right) : cross(down, diagonal);
-    F h[4];
-    for (int k = 0; k < 4; ++k) h[k] = dot(normal, d[k]);
-    for (int j = 0; j < 2; ++j) {
-      const F low = least(least(h[0], h[3]), h[j ? 1 : 2]), high = most(most(h[0], h[3]), h[j ? 1 : 2]);
-      to.apart[i][j] = (low > margin) | (high < -margin);
-    }
-  }
-  return to;
-}
-
 // Where triangle i of a cell and triangle j of one that is `step` elements further have a vertex in common.
-inline Mask common(const Mask& step, int stride, int i, int j) {
+inline Mask<float> common(const Mask<float>& step, int stride, int i, int j) {
   const int a[3] = {0, stride + 1, i ? 1 : stride}, b[3] = {0, stride + 1, j ? 1 : stride};
-  Mask found = {};
+  Mask<float> found = {};
   for (int k = 0; k < 9; ++k) found |= step == a[k / 3] - b[k % 3];
   return found;
 }
@@ -57,14 +30,14 @@ void triangles(Meeting& m) {
         p[half][q] = {gather<float>(x, cells), gather<float>(x + m.plane, cells),
                       gather<float>(x + 2 * m.plane, cells)};
       }
-    const Sides one = sides(p[0], p[1]), other = sides(p[1], p[0]);
-    Mask from, to;
+    const Sides<float> one = sides<float>(p[0], p[1]), other = sides<float>(p[1], p[0]);
+    Mask<float> from, to;
     std::memcpy(&from, m.pairs[0].data() + first, sizeof from), std::memcpy(&to, m.pairs[1].data() + first, sizeof to);
     unsigned may[2][2], some = 0;
     for (int i = 0; i < 2; ++i)
       for (int j = 0; j < 2; ++j) {
-        const Mask apart = one.apart[i][j] | other.apart[j][i] | common(to - from, m.stride, i, j);
-        some |= may[i][j] = less<float>(apart ? F{} + 1.0f : F{}, F{} + 0.5f);
+        const Mask<float> apart = one.apart[i][j] | other.apart[j][i] | common(to - from, m.stride, i, j);
+        some |= may[i][j] = bits<float>(~apart);
       }
     for (; some; some &= some - 1) {
       const int l = __builtin_ctz(some);

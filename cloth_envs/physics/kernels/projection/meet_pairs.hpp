@@ -28,6 +28,7 @@ bool flat(const Meeting& m, int a, int b) {
     axis[k] = (lo + hi) / 2, length += axis[k] * axis[k], spread += (hi - lo) * (hi - lo) / 4;
   }
   const float flat = float(kFlat) * m.twice / 2;
+  if (length > 2 * (flat * flat + spread)) return true;  // as below, without roots
   length = std::sqrt(length);
   if (length - std::sqrt(spread) > flat) return true;
   if (length < flat) return false;

@@ -5,6 +5,7 @@
 
 #include "blocks.hpp"
 #include "distance.hpp"
+#include "planes.hpp"
 
 namespace minicloth {
 namespace LANES {
@@ -196,7 +197,7 @@ inline Apart<T> two_edges(const Pairs<T>& p, int k) {
 constexpr double kTouch = 1e-5;  // m, apart, of cells that may still cross, as rounding has it
 
 template <class T>
-void parts(const Sweep<T>& s, const Looking<T>& how, T room, FirstLooks* first_looks) {
+void parts(const Sweep<T>& s, const Looking<T>& how, T room, bool crossing, FirstLooks* first_looks) {
   constexpr int n = kLanes<T>;
   const int count = int(s.cells.size());
   const T time = s.end - s.time;
@@ -204,7 +205,7 @@ void parts(const Sweep<T>& s, const Looking<T>& how, T room, FirstLooks* first_l
   thread_local std::vector<int> all, near;
   while (int(all.size()) < count) all.push_back(int(all.size()));
   near.clear();
-  for (int i = 0; i < count; ++i) first_looks[i].which = 0, first_looks[i].meet = false;
+  for (int i = 0; i < count; ++i) first_looks[i].which = 0, first_looks[i].meet = 0;
   Pairs<T> p;
   for (int first = 0; first < count; first += n) {
     get_pairs(s, all.data() + first, count - first, p);
@@ -213,7 +214,7 @@ void parts(const Sweep<T>& s, const Looking<T>& how, T room, FirstLooks* first_l
     for (unsigned found = less<T>(a.least > b.least ? a.least : b.least, limit); found; found &= found - 1) {
       const int l = __builtin_ctz(found);
       if (first + l >= count) break;
-      near.push_back(first + l), first_looks[first + l].meet = meet >> l & 1;
+      near.push_back(first + l), first_looks[first + l].meet = crossing && (meet >> l & 1);
     }
   }
   for (int first = 0; first < int(near.size()); first += n) {
@@ -236,6 +237,17 @@ void parts(const Sweep<T>& s, const Looking<T>& how, T room, FirstLooks* first_l
         to.wait[k] = std::uint8_t(steps[l]), to.which |= std::uint16_t(1 << k);
       }
     };
+    if (crossing) {
+      const Sides<T> one = sides<T>(p.now[0], p.now[1]), other = sides<T>(p.now[1], p.now[0]);
+      unsigned may[4];
+      for (int k = 0; k < 4; ++k) may[k] = bits<T>(~(one.apart[k / 2][k % 2] | other.apart[k % 2][k / 2]));
+      for (int l = 0; l < std::min(left, n); ++l) {
+        std::uint8_t& meet = first_looks[near[first + l]].meet;
+        unsigned triangles = 0;
+        for (int k = 0; k < 4; ++k) triangles |= (may[k] >> l & 1) << k;
+        if (meet) meet = std::uint8_t(triangles);
+      }
+    }
     for (int k = 0; k < kVertexParts; ++k) note(vertex_and_triangle(p, k), k);
     for (int k = kVertexParts; k < kParts; ++k) note(two_edges(p, k - kVertexParts), k);
   }

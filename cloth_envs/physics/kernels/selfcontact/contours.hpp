@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "../base/vec.hpp"
+#include "near.hpp"
 
 namespace minicloth {
 
@@ -24,7 +25,7 @@ class Contours {
   void shape(int rows, int cols, bool periodic);
   // Of positions in three planes and the pairs of cells that may cross each other.
   template <class T>
-  const std::vector<Hit>& find(const T* x, std::size_t plane, const std::vector<std::array<int, 2>>& cells);
+  const std::vector<Hit>& find(const T* x, std::size_t plane, const std::vector<MeetingCells>& cells);
   // How many pairs of triangles cross.
   int pairs() const { return pairs_; }
   // Whether triangles of cells beside these two cross each other, or both are in one part that is drawn back.

@@ -103,8 +103,9 @@ void SelfContact<T>::find(bool all) {
   near.blocks(sweep_, layer_, layer_, std::max(layer_, T(kWatch * std::sqrt(cell_area_))));
   near.cells(sweep_, 2 * layer_);
   first_.resize(sweep_.cells.size());
-  near.parts(sweep_, {layer_, layer_ / 2, h_}, layer_, first_.data());
-  if (all && (left_ == count_ || untangle_.any())) untangle();
+  const bool crossing = all && (left_ == count_ || untangle_.any());
+  near.parts(sweep_, {layer_, layer_ / 2, h_}, layer_, crossing, first_.data());
+  if (crossing) untangle();
   for (std::size_t p = 0; p < sweep_.cells.size(); ++p)
     if (first_[p].which && !untangle_.off(sweep_.cells[p].first, sweep_.cells[p].second))
       add(sweep_.cells[p], first_[p]);
@@ -115,7 +116,7 @@ template <class T>
 void SelfContact<T>::untangle() {
   meet_.clear();
   for (std::size_t p = 0; p < sweep_.cells.size(); ++p)
-    if (first_[p].meet) meet_.push_back({sweep_.cells[p].first, sweep_.cells[p].second});
+    if (first_[p].meet) meet_.push_back({sweep_.cells[p].first, sweep_.cells[p].second, first_[p].meet});
   untangle_.find(sweep_.x.data(), sweep_.plane, meet_);
   if (left_ < count_) return;
   crossings_ = untangle_.pairs();

@@ -37,7 +37,7 @@ class SelfContact {
 
   Sweep<T> sweep_;
   Untangle<T> untangle_;
-  std::vector<std::array<int, 2>> meet_;  // cells that may cross
+  std::vector<MeetingCells> meet_;  // cells that may cross
   std::vector<FirstLooks> first_;
   std::vector<Close<T>> parts_;
   std::vector<int> due_[2][kMostSteps + 1];  // of both kinds, what to look at in so many steps, as a ring from now_

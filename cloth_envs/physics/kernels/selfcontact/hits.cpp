@@ -34,16 +34,16 @@ void Contours::shape(int rows, int cols, bool periodic) {
 }
 
 template <class T>
-const std::vector<Hit>& Contours::find(const T* x, std::size_t plane, const std::vector<std::array<int, 2>>& cells) {
+const std::vector<Hit>& Contours::find(const T* x, std::size_t plane, const std::vector<MeetingCells>& cells) {
   hits_.clear(), links_.clear(), pairs_ = 0;
   const auto get = [&](int v) { at_[v] = {double(x[v]), double(x[plane + v]), double(x[2 * plane + v])}; };
-  for (const auto& pair : cells) {
-    if (!exists(pair[0]) || !exists(pair[1])) continue;
-    for (const int cell : pair)
+  for (const auto& [first, second, triangles] : cells) {
+    if (!exists(first) || !exists(second)) continue;
+    for (const int cell : {first, second})
       for (const int t : {2 * cell, 2 * cell + 1})
         for (const int v : triangle(t)) get(v);
-    for (int a = 0; a < 2; ++a)
-      for (int b = 0; b < 2; ++b) test(2 * pair[0] + a, 2 * pair[1] + b);
+    for (int k = 0; k < 4; ++k)
+      if (triangles >> k & 1) test(2 * first + k / 2, 2 * second + k % 2);
   }
   if (hits_.empty()) return hits_;
   join(), ends(), shorten(), regions(), mark();
@@ -154,7 +154,7 @@ void Contours::shorten() {
   for (std::size_t i = 0; i < hits_.size(); ++i) hits_[i].contour = root(group_, int(i));
 }
 
-template const std::vector<Hit>& Contours::find(const float*, std::size_t, const std::vector<std::array<int, 2>>&);
-template const std::vector<Hit>& Contours::find(const double*, std::size_t, const std::vector<std::array<int, 2>>&);
+template const std::vector<Hit>& Contours::find(const float*, std::size_t, const std::vector<MeetingCells>&);
+template const std::vector<Hit>& Contours::find(const double*, std::size_t, const std::vector<MeetingCells>&);
 
 }  // namespace minicloth

@@ -80,6 +80,12 @@ struct Sweep {
   std::size_t row_of(int block, int axis) const { return (std::size_t(3) * block + axis) * kWide; }
 };
 
+// Two cells; bit 2 i + j: triangle i of the first, 0 the lower, 1 the upper, may cross triangle j of the second.
+struct MeetingCells {
+  int first, second;
+  unsigned triangles;
+};
+
 // How often close parts are looked at: one that lies `far` apart and closes at a speed u, in
 // (far - danger) / ((u + haste) h) steps, from 1 to kMostSteps. kAct says that it has to be kept apart before.
 constexpr int kMostSteps = 32, kAct = 128;
@@ -90,11 +96,11 @@ struct Looking {
   T reach, danger, h;  // m, m, s
 };
 
-// Of the parts of two cells: which to look at, as bits, and in how many steps first; whether the cells may cross now,
-// as neither's plane parts them.
+// Of the parts of two cells: which to look at, as bits, and in how many steps first; which triangles may cross now, as
+// in MeetingCells.
 struct FirstLooks {
   std::uint16_t which;
-  bool meet;
+  std::uint8_t meet;
   std::uint8_t wait[kParts];
 };
 
@@ -118,8 +124,9 @@ struct NearLanes {
   void (*blocks)(Sweep<T>&, T near, T room, T most);
   void (*cells)(Sweep<T>&, T reach);
   // Of all cells found, those of their parts that do not stay apart by reach and room until the end. Parts 0, 1: vertex
-  // of the first, lower and upper triangle of the second; 2, 3: the other way round; 4 + 3 a + b: edges a and b.
-  void (*parts)(const Sweep<T>&, const Looking<T>&, T room, FirstLooks*);
+  // of the first, lower and upper triangle of the second; 2, 3: the other way round; 4 + 3 a + b: edges a and b. What
+  // may cross is found if `crossing` asks for it.
+  void (*parts)(const Sweep<T>&, const Looking<T>&, T room, bool crossing, FirstLooks*);
   // Marks blocks as fresh that strayed from each other by kTaken of their room, and has haste of all as they strayed.
   // The largest part of its room that any took.
   T (*stray)(Sweep<T>&);

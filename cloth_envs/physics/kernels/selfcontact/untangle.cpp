@@ -23,7 +23,7 @@ void Untangle<T>::shape(const Sheet& sheet) {
 }
 
 template <class T>
-void Untangle<T>::find(const T* x, std::size_t plane, const std::vector<std::array<int, 2>>& cells) {
+void Untangle<T>::find(const T* x, std::size_t plane, const std::vector<MeetingCells>& cells) {
   hits_ = contours_.find(x, plane, cells);
   if (!any()) return;
   crowd_.assign(std::size_t(rows_) * cols_, 0);

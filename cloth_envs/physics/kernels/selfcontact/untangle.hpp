@@ -14,7 +14,7 @@ class Untangle {
  public:
   void shape(const Sheet& sheet);
   // What crosses, of positions in three planes and the pairs of cells that may.
-  void find(const T* x, std::size_t plane, const std::vector<std::array<int, 2>>& cells);
+  void find(const T* x, std::size_t plane, const std::vector<MeetingCells>& cells);
   bool any() const { return !hits_.empty(); }
   // How many pairs of triangles cross.
   int pairs() const { return contours_.pairs(); }

@@ -79,20 +79,20 @@ inline V<T> distance2(const Moving<T>& m, const V3<T>& x) {
   return gap < T(0) ? none : gap * gap;
 }
 
-// Whether vertices that a step took by `way` to x may touch; some that do not pass.
+// Where vertices that a step took by `way` to x may touch; some that do not pass.
 template <class T>
-inline bool may_touch(const Moving<T>& m, const V3<T>& x, const V3<T>& way) {
+inline auto may_touch(const Moving<T>& m, const V3<T>& x, const V3<T>& way) {
   const V3<T> p = x - m.after;
-  if (m.shape == Shape::kPlane) return any<T>(dot(m.axis, p) < m.radius);
+  if (m.shape == Shape::kPlane) return dot(m.axis, p) < m.radius;
   // In the body's frame one goes by d to p. To enter it, or to be held in the tangent plane where it was inside, takes
   // |p - d|^2 - R^2 <= -2 (p - d) . d, that is |p|^2 <= R^2 + |d|^2.
   if (m.shape == Shape::kSphere) {
     const V3<T> d = way - m.moved;
-    return any<T>(dot(p, p) < m.radius2 + T(1.01) * dot(d, d));
+    return dot(p, p) < m.radius2 + T(1.01) * dot(d, d);
   }
   // p and p - d are from the nearest points of a capsule's axis, which go no further than vertex and ends together.
   const V3<T> off = off_axis(m, x);
-  return any<T>(dot(off, off) < m.radius2 + T(8.1) * (dot(way, way) + m.far));
+  return dot(off, off) < m.radius2 + T(8.1) * (dot(way, way) + m.far);
 }
 
 // Positions that are deep inside a body, put onto its surface; whether any was.
