@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box
+from safetensors import SafetensorError
+from safetensors.numpy import load_file
 
 from cloth_envs.evaluation import Policy
 from cloth_envs.extras import install
@@ -18,14 +20,18 @@ from cloth_envs.policies import CONTROLLERS
 from cloth_envs.registry import load_task
 
 NAMED = ("zero", "random", "controller")
+LEARNED, NETWORKS = (
+    "ppo",
+    Path(__file__).parent / "networks",
+)  # a network that ships, made by ``minicloth bench agents``
 
 
 def load_policy(name: str, scene: str) -> Policy:
     """What takes observations of a batch to actions ``(B, A)``.
 
-    ``name`` is ``"zero"``, ``"random"`` (drawn from one seed), ``"controller"`` (of ``cloth_envs.policies``),
-    ``"module:function"``, a ``.zip`` of Stable-Baselines3, or a ``.pt`` file: one of ``examples/train_ppo.py``, or a
-    module that was scripted or traced by torch.
+    ``name`` is ``"zero"``, ``"random"`` (drawn from one seed), ``"controller"`` (of ``cloth_envs.policies``), ``"ppo"``
+    (a network that ships), ``"module:function"``, a ``.zip`` of Stable-Baselines3, a ``.safetensors`` of ``minicloth
+    bench agents``, or a ``.pt`` file: one of ``examples/train_ppo.py``, or a module that torch scripted or traced.
 
     Raises:
         ValueError: no such policy, or a file that is none. ImportError: a package that it needs is missing.
@@ -38,17 +44,34 @@ def load_policy(name: str, scene: str) -> Policy:
         return lambda seen: rng.uniform(-1, 1, (_count(seen), actions))
     if name == "controller":
         return CONTROLLERS[scene]
+    if name == LEARNED:
+        return _shipped(scene)
     suffix = Path(name).suffix
-    if suffix in (".zip", ".pt"):
+    if suffix in FILES:
         if not Path(name).is_file():
             raise ValueError(f"there is no file {name}")
-        return _of_stable_baselines(name) if suffix == ".zip" else _of_torch(name)
+        return FILES[suffix](name)
     if ":" in name:
         found = resolve(name)
         if not callable(found):
             raise ValueError(f"{name} is no function of observations")
         return found
-    raise unknown_name("policy (or module:function, .zip, .pt):", name, NAMED)
+    raise unknown_name("policy (or module:function, .zip, .pt, .safetensors):", name, (*NAMED, LEARNED))
+
+
+def _shipped(scene: str) -> Policy:
+    path = NETWORKS / f"{scene}.safetensors"
+    if not path.is_file():
+        there = ", ".join(sorted(path.stem for path in NETWORKS.glob("*.safetensors")))
+        raise ValueError(f"no network ships for {scene}, there are {there}: examples/train_ppo.py trains one")
+    return _of_safetensors(str(path))
+
+
+def _of_safetensors(path: str) -> Policy:
+    try:
+        return mlp(load_file(path))
+    except SafetensorError as error:
+        raise ValueError(f"{path} holds no tensors ({error}): minicloth bench agents --policies writes such") from error
 
 
 def _count(seen: Any) -> int:
@@ -139,3 +162,6 @@ def mlp(weights: dict[str, np.ndarray]) -> Policy:
         return np.clip(x, -1, 1)
 
     return act
+
+
+FILES = {".zip": _of_stable_baselines, ".pt": _of_torch, ".safetensors": _of_safetensors}

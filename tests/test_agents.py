@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from json import loads
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,9 @@ from scipy.stats import norm
 
 pytest.importorskip("torch", reason="needs the extra 'train'")
 
+from cloth_envs.agents import LEARNED, NETWORKS, load_policy
+from cloth_envs.commands.cli import main
+from cloth_envs.evaluation import play
 from training.bench.agents import run as agents
 from training.bench.agents.rows import AgentRow, FloorRow, costs, interquartile, last, normalised, table
 from training.rows import read_rows
@@ -67,6 +71,7 @@ def test_a_run_is_scored_at_its_points_and_goes_on_where_it_was(
     work = agents.Work(2.0, 2, 3)
     monkeypatch.setattr(agents, "Work", lambda *_: work)
     words = ["--scenes", "Pressure", "--schedules", "one,both", "--out", str(tmp_path), "--quick"]
+    words += ["--policies", str(tmp_path / "policies")]
     assert agents.BENCHMARK.main(words) == 0
     rows = read_rows(tmp_path / "agents.csv", AgentRow)
     assert [(r.schedule, r.point) for r in rows] == [("one", 1), ("one", 2), ("both", 1), ("both", 2)]
@@ -79,6 +84,11 @@ def test_a_run_is_scored_at_its_points_and_goes_on_where_it_was(
         assert late.reference_frames == 0
         assert 0 < late.reward < 1
     assert (tmp_path / "agents.png").stat().st_size > 1000
+    card = loads((tmp_path / "policies" / "Pressure.json").read_text())
+    assert (card["schedule"], card["reward"], card["frames"]) == ("both", rows[3].reward, rows[3].frames)
+    policy = load_policy(str(tmp_path / "policies" / "Pressure.safetensors"), "Pressure")
+    true = play("Pressure", policy, agents.CERTIFIED, frames=3)
+    assert true.reward.mean() == pytest.approx(rows[3].reward, abs=1e-4)
     before = (tmp_path / "agents.csv").read_bytes()
     monkeypatch.setattr(agents, "Training", None)  # none is made
     assert agents.BENCHMARK.main(words) == 0
@@ -86,8 +96,20 @@ def test_a_run_is_scored_at_its_points_and_goes_on_where_it_was(
     assert "both" in capsys.readouterr().out
 
 
+def test_networks_that_ship_are_as_their_cards_say(capsys: pytest.CaptureFixture[str]) -> None:
+    """Episodes of the quickest, some seeds of its card: as far from its mean as seeds are."""
+    assert {path.stem for path in NETWORKS.glob("*.json")} == {path.stem for path in NETWORKS.glob("*.safetensors")}
+    card = loads((NETWORKS / "Collision-v1.json").read_text())
+    found = play("Collision-v1", load_policy(LEARNED, "Collision-v1"), agents.CERTIFIED[:6])
+    assert abs(found.reward.mean() - card["reward"]) < 4 * found.reward.std() / 6**0.5 + 0.02
+    assert main(["rollout", "Collision-v1", "--policy", "ppo", "--frames", "3"]) == 0
+    assert "mean reward" in capsys.readouterr().out
+    with pytest.raises(ValueError, match="no network ships for Flag, there are"):
+        load_policy(LEARNED, "Flag")
+
+
 def test_frames_of_the_reference_are_counted() -> None:
     training = agents.Training()
     points = list(training.run("Pressure", [("reference", {}, 1.0)], 0, 0.1, 1))
     assert points == [1]
-    assert training.reference_frames == training.frames == 32 * 64
+    assert training.reference_frames == training.frames == 32 * 32

@@ -53,7 +53,10 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> Pa
     sub.add_argument("--scene", metavar="SCENE", help="describe this scene and its task")
 
     sub = command("rollout", "Simulate one episode; draw it, record it.")
-    _episode(sub, "zero, random, smooth (default), bang-bang, or controller: the scene's own, written by hand")
+    _episode(
+        sub,
+        "zero, random, smooth (default), bang-bang, controller (the scene's, by hand) or ppo (a network, for -v1)",
+    )
     sub.add_argument("--frames", type=_at_least(1), help="default: the scene's episode")
     sub.add_argument(
         "--backend",
@@ -102,7 +105,11 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> Pa
     sub.add_argument("--no-video", dest="video", action="store_false", help="table and chart only")
 
     sub = command("evaluate", "A policy on the physics it was trained on and on the one that counts, from equal seeds.")
-    sub.add_argument("policy", metavar="POLICY", help="controller, zero, random, module:function, a .zip or .pt file")
+    sub.add_argument(
+        "policy",
+        metavar="POLICY",
+        help="controller, ppo, zero, random, module:function, or a file: .zip, .pt, .safetensors",
+    )
     sub.add_argument("--scene", metavar="SCENE", required=True, help="a scene's name")
     sub.add_argument(
         "--train-backend",

@@ -6,20 +6,23 @@ reference, which its time does not hold. Run it with OMP_NUM_THREADS=1.
 """
 
 import argparse
+import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from time import process_time
 from typing import Any
 
 import torch
+from safetensors.numpy import save
 
 from cloth_envs.agents import load_policy
 from cloth_envs.evaluation import Policy, Verdict, play
-from cloth_envs.files import check_folder
+from cloth_envs.files import check_folder, write_bytes, write_text
+from cloth_envs.naming import REVISED
 from cloth_envs.progress import progress
-from cloth_envs.registry import EPISODE_FRAMES, REVISED, SCENES
+from cloth_envs.registry import EPISODE_FRAMES, SCENES
 from training.bench.agents.chart import draw
 from training.bench.agents.rows import (
     FLOOR_STEM,
@@ -142,7 +145,17 @@ def fill(session: Session, scene: str, schedule: str, seed: int, work: Work) -> 
         rows.append(rounded(AgentRow(scene, schedule, seed, point, *cost, *earned, *gap, training.failed)))
     store.add(*rows)
     if session.given.policies is not None:
-        training.agent.save(str(session.given.policies / f"{scene}_{schedule.replace(' ', '_')}_{seed}.pt"))
+        name = scene if seed == 0 else f"{scene}_{seed}"
+        keep(training.agent, rows[-1], session.given.policies / f"{name}.safetensors", stages)
+
+
+def keep(agent: Any, row: AgentRow, path: Path, stages: Sequence[Stage]) -> None:
+    """Write a policy, for ``load_policy``, and beside it a card with what was measured of it."""
+    scale = {"mean": torch.as_tensor(agent.seen.mean), "spread": torch.as_tensor(agent.seen.spread)}
+    weights = {name: value.float().numpy() for name, value in (scale | dict(agent.actor.state_dict())).items()}
+    write_bytes(path, save(weights))
+    card = {"what": "policy of examples/train_ppo.py, 64 x 64", "licence": "MIT", "stages, shares of the time": stages}
+    write_text(path.with_suffix(".json"), json.dumps(card | asdict(row), indent=1) + "\n")
 
 
 def measure(session: Session) -> None:
