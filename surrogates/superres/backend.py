@@ -19,7 +19,7 @@ from surrogates.superres.features import SCALE
 from surrogates.superres.network import divides, fitted_on, shipped
 
 SOLVER = "explicit"  # of the coarse cloth in training, with self-contact
-SPACING = 1.1  # times larger or smaller than in training that a side of a coarse cell may be
+SPACING = 1.3  # times larger or smaller than in training that a side of a coarse cell may be
 
 
 class MfsrBackend(MiniatureBackend):
