@@ -89,9 +89,9 @@ def pictures(folder: Path) -> None:
     pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(16)
     for column, name in enumerate(COLUMNS):
         pen.text((right * column + 4, 4), name, INK, font)
-    for row, (scene, sequence, frames, part) in enumerate(shown):
+    for row, (scene, sequence, frames, corners) in enumerate(shown):
         (world, made), renderers = cloths(scene, sequence, frames), dict[tuple[int, ...], Any]()
-        box = tuple(round(LARGE * share) for share in part)
+        box: Any = tuple(round(LARGE * at) for at in corners)
         for column, cloth in enumerate(made):
             state = replace(world.state, positions=cloth, velocities=np.zeros_like(cloth))
             if cloth.shape not in renderers:
