@@ -134,6 +134,7 @@ def test_spectrum_above_the_coarse_nyquist() -> None:
     assert np.isnan(detail.detail_ratio(GRID, half, 0 * FLAT, 2)).all()
     with pytest.raises(ValueError, match="tube"):
         detail.fine_detail(replace(GRID, periodic=True), FLAT, 2)
+    assert np.isnan(detail.detail_ratio(replace(GRID, periodic=True), FLAT, FLAT, 2)).all()
 
 
 BALL = Scene("Ball", GRID, Material(), 0.02, colliders=(Collider("sphere", 0.25),))

@@ -86,6 +86,8 @@ def fine_detail(grid: Grid, positions: np.ndarray, factor: float) -> np.ndarray:
 
 
 def detail_ratio(grid: Grid, positions: np.ndarray, truth: np.ndarray, factor: float) -> np.ndarray:
-    """``fine_detail`` over the truth's, ``(...)``; NaN where the truth has none."""
+    """``fine_detail`` over the truth's, ``(...)``; NaN where the truth has none, and of a tube."""
+    if grid.periodic:
+        return np.full(positions.shape[:-3], np.nan)
     found, true = (fine_detail(grid, x, factor) for x in (positions, truth))
     return np.divide(found, true, out=np.full_like(found, np.nan), where=true > 0)

@@ -33,7 +33,8 @@ def _figure(mine: Sequence[StabilityRow], stem: str, folder: Path, setup: str) -
         panel(axes, AXES[name], {key[1:]: m for key, m in found.items() if key[0] == name}, backends)
         axes.set_title(AXES[name].title, loc="left", fontsize=8, fontweight="bold", color=INK, pad=12)
         names = ", ".join(scenes) if len(scenes) < 4 else f"{len(scenes)} scenes"
-        axes.text(1.0, 1.13, names, transform=axes.transAxes, ha="right", fontsize=6.5, color=SOFT)
+        axes.annotate(names, (1.0, 1.0), (0, 12), xycoords="axes fraction", textcoords="offset points", ha="right",
+                      fontsize=6.5, color=SOFT)  # fmt: skip
         if number % COLUMNS:
             axes.set_yticklabels([])
     count = len({r.seed for r in mine})

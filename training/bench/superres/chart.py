@@ -41,7 +41,8 @@ SHOWN = (
     ("Skirt", 6, 60, (0.30, 0.32, 0.63, 0.76)),
 )
 COLUMNS = ("coarse cloth", "bicubic", "super-resolved (mfsr)", "fine, tracked")
-SIZE, LARGE, TITLE = (330, 440), 1200, 26  # pixels: of a picture, of the square that it is cut from
+SIZE, LARGE = (330, 440), 1200  # pixels: of a picture, of the square that it is cut from
+TITLE, GAP = 28, 6  # pixels: a line of text, between columns
 
 
 def draw(rows: Mapping[str, Sequence[Any]], folder: Path, setup: str) -> None:
@@ -83,22 +84,23 @@ def pictures(folder: Path) -> None:
     from cloth_envs.rendering import Renderer
 
     (width, height), shown = SIZE, list(progress(SHOWN, PICTURES, unit="picture", name=lambda one: one[0]))
-    sheet = Image.new("RGB", (width * len(COLUMNS), TITLE + height * len(shown)), "white")
-    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(15)
+    right, below = width + GAP, height + TITLE
+    sheet = Image.new("RGB", (right * len(COLUMNS) - GAP, TITLE + below * len(shown)), "white")
+    pen, font = ImageDraw.Draw(sheet), ImageFont.load_default(16)
     for column, name in enumerate(COLUMNS):
-        pen.text((width * column + 8, 4), name, INK, font)
-    for row, (scene, sequence, frames, (left, upper, right, lower)) in enumerate(shown):
+        pen.text((right * column + 4, 4), name, INK, font)
+    for row, (scene, sequence, frames, corners) in enumerate(shown):
         (world, made), renderers = cloths(scene, sequence, frames), dict[tuple[int, ...], Any]()
-        box = round(LARGE * left), round(LARGE * upper), round(LARGE * right), round(LARGE * lower)
+        box: Any = tuple(round(LARGE * at) for at in corners)
         for column, cloth in enumerate(made):
             state = replace(world.state, positions=cloth, velocities=np.zeros_like(cloth))
             if cloth.shape not in renderers:
                 renderers[cloth.shape] = Renderer(world.scene, width=LARGE, height=LARGE)
             pixels = renderers[cloth.shape].draw(state)
             picture = Image.fromarray(pixels).crop(box).resize(SIZE, Image.Resampling.LANCZOS)
-            sheet.paste(picture, (width * column, TITLE + height * row))
+            sheet.paste(picture, (right * column, 2 * TITLE + below * row))
         for renderer in renderers.values():
             renderer.close()
-        pen.text((8, TITLE + height * row + 6), f"{scene}, sequence {sequence}, frame {frames}", INK, font)
+        pen.text((4, TITLE + below * row + 4), f"{scene}, sequence {sequence}, frame {frames}", INK, font)
     with replacing(folder / f"{PICTURES}.png") as part:
         sheet.save(part, "png", optimize=True)

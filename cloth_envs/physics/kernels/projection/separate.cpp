@@ -30,10 +30,11 @@ class Separate {
   void draw(float* x, const std::vector<float>& goal, float part);
 
   Meeting meeting_;
-  int rows_ = 0, cols_ = 0, pairs_ = 0;                // what crosses
-  bool leave_ = false;                                 // some of it
+  int rows_ = 0, cols_ = 0;
+  int pairs_ = 0;                                      // of triangles that crossed where they were last looked for
+  bool leave_ = false;                                 // what crosses in the facets
   std::vector<float> facets_, means_, mark_, before_;  // where vertices are drawn to, what part of the way
-  std::vector<float> kept_;
+  std::vector<float> kept_;                            // positions, before they are put into the facets
 };
 
 // Marks the vertices of triangles that cross and are not to be left so, of all or of those near vertices that moved
