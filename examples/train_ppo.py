@@ -19,12 +19,11 @@ import cloth_envs
 STAGES = [("miniature", {"factor": 4}, 0.80), ("miniature", {"factor": 2}, 0.16), ("reference", {}, 0.04)]
 MEMBERS, STEPS, EPOCHS, BATCH = 32, 32, 6, 256
 DISCOUNT, TRACE, CLIP, RATE = 0.99, 0.95, 0.2, 5e-4
-LASTING = 0.8  # share of an action's noise that is in the next one: Hollenstein et al. 2024, arXiv:2312.11091
+LASTING = 0.8  # share of an action's noise in the next one's (Hollenstein et al. 2024), which its probability knows
 LEAST = 0.01  # spread of an input: what is even on a miniature, as a middle that stays, may shake on the reference
 
 
 def network(inputs: int, outputs: int, gain: float) -> nn.Sequential:
-    """64 x 64 with tanh, orthogonal at first."""
     layers = [nn.Linear(inputs, 64), nn.Tanh(), nn.Linear(64, 64), nn.Tanh(), nn.Linear(64, outputs)]
     for layer, size in zip(layers[::2], (2**0.5, 2**0.5, gain), strict=True):
         nn.init.orthogonal_(layer.weight, size)
@@ -33,8 +32,6 @@ def network(inputs: int, outputs: int, gain: float) -> nn.Sequential:
 
 
 class Running:
-    """Mean and variance of all rows so far."""
-
     def __init__(self, size: int) -> None:
         self.mean, self.variance, self.count = np.zeros(size), np.ones(size), 1e-4
 
@@ -58,8 +55,9 @@ class Agent(nn.Module):
     def scaled(self, seen: np.ndarray) -> torch.Tensor:
         return torch.as_tensor(((seen - self.seen.mean) / self.seen.spread).clip(-10, 10), dtype=torch.float32)
 
-    def log_probability(self, x: torch.Tensor, actions: torch.Tensor) -> torch.Tensor:
-        return -(((actions - self.actor(x)) / self.log_spread.exp()) ** 2 / 2 + self.log_spread).sum(-1)
+    def log_probability(self, x: torch.Tensor, actions: torch.Tensor, lasting: torch.Tensor) -> torch.Tensor:
+        new = (actions - self.actor(x)) / self.log_spread.exp() - lasting
+        return -(new**2 / (2 - 2 * LASTING**2) + self.log_spread).sum(-1)
 
     def save(self, path: str) -> None:  # for ``minicloth evaluate``
         scale = {"mean": torch.as_tensor(self.seen.mean), "spread": torch.as_tensor(self.seen.spread)}
@@ -79,12 +77,13 @@ class Players:
 
     @torch.no_grad()
     def play(self, agent: Agent) -> tuple[list[torch.Tensor], float]:
-        """STEPS frames as ``(scaled, actions, log probability, advantage, return)``, and the mean reward."""
+        """STEPS frames as ``(scaled, actions, lasting noise, log probability, advantage, return)``, the mean reward."""
         frames: list[tuple[Any, ...]] = []
         for _ in range(STEPS):
             agent.seen.add(self.seen)
             x = agent.scaled(self.seen)
-            self.noise = LASTING * self.noise + (1 - LASTING**2) ** 0.5 * torch.randn_like(self.noise)
+            lasting = LASTING * self.noise
+            self.noise = lasting + (1 - LASTING**2) ** 0.5 * torch.randn_like(lasting)
             actions = agent.actor(x) + agent.log_spread.exp() * self.noise
             self.seen, rewards, terminated, _, _ = self.env.step(actions.clamp(-1, 1).numpy())
             self.left, self.failed = self.left - 1, self.failed + int(terminated.sum())
@@ -92,26 +91,27 @@ class Players:
             self.sums = DISCOUNT * self.sums + rewards
             agent.earned.add(self.sums[:, None])
             after = agent.critic(agent.scaled(self.seen))[:, 0] * ~torch.as_tensor(terminated)  # goes on, if cut
-            frame = (x, actions, agent.log_probability(x, actions), agent.critic(x)[:, 0], after, rewards, ended)
-            frames.append((*frame, rewards / agent.earned.spread))
+            frames.append((x, actions, lasting, after, rewards, ended, rewards / agent.earned.spread))
             if ended.any():
                 self.seen, _ = self.env.reset(options={"reset_mask": ended})
                 self.left[ended], self.sums[ended] = self.length, 0.0
         columns = (torch.stack([torch.as_tensor(part) for part in column]) for column in zip(*frames, strict=True))
-        x, actions, told, values, after, rewards, ended, scaled = columns
+        x, actions, lasting, after, rewards, ended, scaled = columns
+        told, values = agent.log_probability(x, actions, lasting), agent.critic(x)[..., 0]
         gains, ahead = torch.zeros_like(values), torch.zeros(MEMBERS)
         for t in reversed(range(STEPS)):
             surprise = scaled[t].float() + DISCOUNT * after[t] - values[t]
             ahead = gains[t] = surprise + DISCOUNT * TRACE * ~ended[t] * ahead
-        return [part.flatten(0, 1) for part in (x, actions, told, gains, gains + values)], float(rewards.mean())
+        data = (x, actions, lasting, told, gains, gains + values)
+        return [part.flatten(0, 1) for part in data], float(rewards.mean())
 
 
 def learn(agent: Agent, optimizer: torch.optim.Optimizer, data: list[torch.Tensor]) -> None:
     for _ in range(EPOCHS):
         for rows in torch.randperm(len(data[0])).split(BATCH):
-            x, actions, told, gain, goal = (part[rows] for part in data)
+            x, actions, lasting, told, gain, goal = (part[rows] for part in data)
             gain = (gain - gain.mean()) / (gain.std() + 1e-8)
-            ratio = (agent.log_probability(x, actions) - told).exp()
+            ratio = (agent.log_probability(x, actions, lasting) - told).exp()
             better = torch.minimum(ratio * gain, ratio.clamp(1 - CLIP, 1 + CLIP) * gain).mean()
             loss = 0.5 * (agent.critic(x)[:, 0] - goal).square().mean() - better
             optimizer.zero_grad()
