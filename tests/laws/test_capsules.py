@@ -112,7 +112,7 @@ def test_no_vertex_stays_in_one_of_capsules_that_overlap() -> None:
     limbs = tuple(replace(limb, turns_with=None) for limb in figure.colliders()[:7])
     scene = Scene("legs", Grid(80, 100, 1.0, 1.0), CLOTH, h, colliders=limbs)
     bodies = figure.ends(dance().at(np.array([0.7]))[0], figure.ENDS, figure.INSETS)[:, :7]
-    x = rng.uniform(bodies.min((0, 1, 2)) - 0.1, bodies.max((0, 1, 2)) + 0.1, (60000, 3)).T[None]
+    x = rng.uniform(bodies.min((0, 1, 2)) - 0.1, bodies.max((0, 1, 2)) + 0.1, (90000, 3)).T[None]
     x = x[:, :, depths(scene, State.still(x[..., None], bodies)) > 0][:, :, :8000]
     for _ in range(200):
         for number, limb in enumerate(scene.colliders):
