@@ -41,7 +41,7 @@ SHOWN = (
     ("Skirt", 6, 60, (0.30, 0.32, 0.63, 0.76)),
 )
 COLUMNS = ("coarse cloth", "bicubic", "super-resolved (mfsr)", "fine, tracked")
-SIZE, LARGE = (330, 440), 1200  # pixels: of a picture, of the square that it is cut from
+SIZE, LARGE = (255, 340), 1200  # pixels: of a picture, of the square that it is cut from
 TITLE, GAP = 28, 6  # pixels: a line of text, between columns
 
 
