@@ -73,6 +73,7 @@ MISTAKES: dict[str, tuple[Callable[[], object], list[str]]] = {
         ["write preset={'name': 'lee2019', 'mass': 3.0}"],
     ),
     "mass": (lambda: one(mass=0.3), ["write material={'areal_density': 0.3}"]),
+    "friction": (lambda: one(friction=0.3), ["friction is of a scene's bodies"]),
     "tempo of no preset": (lambda: skirt(tempo=0.5, preset="lee2019"), ["unknown keyword 'tempo'"]),
     "nothing like it": (lambda: one(xyz=1), ["'xyz'", "'backend'", "'material'", "'render_mode'"]),
     "frame_dt": (lambda: one(frame_dt=0.01), ["belongs to the scene: leave it out"]),
