@@ -112,7 +112,6 @@ MEANT = {
     "bending": "bend_stiffness",
     "bending_stiffness": "bend_stiffness",
     "air_drag": "drag",
-    "friction": "drag",
 }
 
 # What any cloth has, from gauze to leather, with room on either side: beyond it a value is in another unit. Threads

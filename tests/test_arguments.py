@@ -73,6 +73,7 @@ MISTAKES: dict[str, tuple[Callable[[], object], list[str]]] = {
         ["write preset={'name': 'lee2019', 'mass': 3.0}"],
     ),
     "mass": (lambda: one(mass=0.3), ["write material={'areal_density': 0.3}"]),
+    "friction": (lambda: one(friction=0.3), ["friction is of a scene's bodies"]),
     "tempo of no preset": (lambda: skirt(tempo=0.5, preset="lee2019"), ["unknown keyword 'tempo'"]),
     "nothing like it": (lambda: one(xyz=1), ["'xyz'", "'backend'", "'material'", "'render_mode'"]),
     "frame_dt": (lambda: one(frame_dt=0.01), ["belongs to the scene: leave it out"]),
@@ -437,7 +438,7 @@ def nothing_told() -> None:
 def test_values_of_another_unit_warn_once_with_the_unit(options: dict[str, Any], words: str) -> None:
     with pytest.warns(UserWarning, match=words) as told:
         one(disable_env_checker=True, **options)
-    assert len(told) == 1
+    assert [each.category for each in told].count(UserWarning) == 1  # beside Gymnasium's, of every v0
 
 
 @pytest.mark.usefixtures("nothing_told")
@@ -445,7 +446,7 @@ def test_a_value_is_warned_of_once_in_a_process() -> None:
     odd: dict[str, Any] = {"material": {"drag": 60}, "disable_env_checker": True}
     with pytest.warns(UserWarning, match="drag=60") as told:
         gym.make_vec(ID, num_envs=3, vectorization_mode="sync", **SMALL, **odd)
-    assert len(told) == 1
+    assert [each.category for each in told].count(UserWarning) == 1  # beside Gymnasium's, of every v0
     one(**odd)  # warnings are errors here
     with pytest.warns(UserWarning, match="drag=61"):
         one(**odd | {"material": {"drag": 61}})

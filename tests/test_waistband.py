@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import h5py
@@ -47,6 +48,31 @@ def test_a_knee_may_come_up_to_the_waistband_and_not_into_it() -> None:
     )
     with pytest.raises(ValueError, match=f"{into}.*{free}"):
         check_waistband(motion, "it")
+
+
+@pytest.mark.parametrize("fps", [24.0, 29.97, 60.0, 120.0])
+def test_the_part_that_is_told_is_free_to_the_frame(fps: float) -> None:
+    rng, count = np.random.default_rng(9100), 90
+    for _ in range(5):
+        away = np.arange(count)[:, None] - rng.integers(0, count, 3)
+        lift = -125 * np.exp(-np.square(away / rng.uniform(1, 6, 3))).max(1)
+        bends = {
+            f"{side}_upper_arm": Rotation.from_euler("X", np.full((count, 1), a), degrees=True) for side, a in ARMS
+        }
+        bends["right_thigh"] = Rotation.from_euler("Y", lift[:, None], degrees=True)
+        positions = place(bends, OFFSETS, PARENTS, JOINTS)
+        with pytest.raises(ValueError, match="store a part") as refused:
+            check_waistband(Motion(positions, fps), "it")
+        told = re.search(r"from ([\d.]+) to ([\d.]+) s, or", str(refused.value))
+        assert told
+        first, last = (round(float(time) * fps) for time in told.groups())
+        check_waistband(Motion(positions[first : last + 1], fps), "that part")
+
+
+def test_a_part_too_short_to_be_read_is_not_told() -> None:
+    up, down = (bent("left_thigh", "Y", -120).at(np.array([at]))[0] for at in (2.0, 0.0))
+    with pytest.raises(ValueError, match="skirt: choose another motion"):
+        check_waistband(Motion(np.concatenate([up, down, down, down, up]), 30.0), "it")
 
 
 def test_one_that_stays_in_it_has_no_part_to_take() -> None:

@@ -13,6 +13,7 @@ from cloth_envs.naming import unknown_name
 
 LEAST, MOST = 0.03, 1.0  # m, of a person's hips and lower spine, a child's or a giant's
 ACROSS = 0.1  # sine of the angle between them, at least
+FEWEST = 4  # frames of a recording
 
 
 class Motion:
@@ -68,9 +69,11 @@ def read_motion(path: str | Path, name: str) -> Motion:
         absent = [joint for joint in JOINTS if joint not in names]
         if absent:
             raise ValueError(f"{which} has no {', '.join(absent)}: joints are named {', '.join(JOINTS)}")
-        form = positions.ndim == 3 and positions.shape[1:] == (len(names), 3) and len(positions) >= 4
+        form = positions.ndim == 3 and positions.shape[1:] == (len(names), 3) and len(positions) >= FEWEST
         if not form or positions.dtype.kind not in "fiu" or rate.dtype.kind not in "fiu" or rate.size != 1:
-            raise ValueError(f"{which} must have positions (F, {len(names)}, 3), F at least 4, and a rate, all numbers")
+            raise ValueError(
+                f"{which} must have positions (F, {len(names)}, 3), F at least {FEWEST}, and a rate, all numbers"
+            )
         frames, fps = positions[:].astype(float)[:, [names.index(joint) for joint in JOINTS]], float(rate.item())
     if not 0 < fps < np.inf:
         raise ValueError(f"{which} must have a rate above 0, got fps {fps:g}")

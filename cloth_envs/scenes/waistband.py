@@ -3,7 +3,7 @@
 import numpy as np
 
 from cloth_envs.figure import body
-from cloth_envs.figure.motion import Motion
+from cloth_envs.figure.motion import FEWEST, Motion
 from cloth_envs.grid import Grid
 from cloth_envs.physics.laws.bodies import axis_parameter, on_axis
 from cloth_envs.scenes.starts import ruffle
@@ -41,9 +41,10 @@ def check_waistband(motion: Motion, which: str) -> None:
         return
     hits = np.flatnonzero(np.concatenate([[1], deep > 0, [1]])) - 1  # one before and one behind it all count as such
     longest = np.diff(hits).argmax()
-    begin, frames = hits[longest] + 1, np.diff(hits)[longest] - 2
-    free = f"the {frames / motion.fps:.1f} s from {begin / motion.fps:.2f} s on"
-    part = f"store a part of it that does not, such as {free}, or " if frames > 0 else ""
+    first, last = hits[longest] + 1, hits[longest + 1] - 1
+    begin, end = first / motion.fps, last / motion.fps
+    free = f"the {end - begin:.1f} s from {begin:.3f} to {end:.3f} s"  # to the frame
+    part = f"store a part of it that does not, such as {free}, or " if last - first + 1 >= FEWEST else ""
     raise ValueError(
         f"{which} takes the {body.LIMBS[limbs[worst]].name} {1e3 * deep[worst]:.0f} mm into the waistband at "
         f"{worst / motion.fps:.2f} s, which would tear the skirt: {part}choose another motion"

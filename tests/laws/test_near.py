@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cloth_envs.grid import Grid
+from cloth_envs.material import FABRICS
 from cloth_envs.physics.explicit.solver import ExplicitSolver
-from cloth_envs.scene import Collider
+from cloth_envs.scene import Collider, Scene
 from cloth_envs.state import Controls, State
 from cloth_envs.world import World
 from training.rollouts import record
@@ -61,3 +63,20 @@ def test_the_look_up_of_bodies_misses_none(scene: str, options: dict[str, Any], 
     np.testing.assert_array_equal(ends[0], ends[1])
     touched = np.linalg.norm(ends[0][frames - 1] - ends[0][0], axis=1).max()
     assert touched > 0.05  # m
+
+
+@pytest.mark.parametrize(("pulled", "gap"), [(0.04, 0.017), (0.05, 0.025), (0.06, 0.035)])
+def test_cloth_that_speeds_up_from_rest_meets_what_is_in_its_way(pulled: float, gap: float) -> None:
+    """One vertex, ``pulled`` [m] out of a sheet at rest, snaps back onto a thin rod, ``gap`` [m] below it at first."""
+    grid, rod = Grid(21, 21, 0.5, 0.5), Collider("capsule", 0.002)
+    scene = Scene("rod", grid, FABRICS["cotton"], 0.02, colliders=(rod,), gravity=0.0)
+    side = np.linspace(-0.25, 0.25, 21)
+    positions = np.stack([*np.meshgrid(side, side, indexing="ij"), np.zeros((21, 21))])[None]
+    positions[0, 2, 10, 10] = pulled
+    height = pulled - gap - rod.radius - scene.thickness
+    place = np.array([[[[0.0, -0.5, height], [0.0, 0.5, height]]]])
+    solver = ExplicitSolver(scene)
+    solver.reset(State.still(positions, place))
+    none = np.zeros((1, 0, 3))
+    still = Controls(none, none, place, 0 * place, np.zeros((1, 3)), np.zeros(1))
+    assert solver.advance(still).positions[0, 2, 10, 10] > height

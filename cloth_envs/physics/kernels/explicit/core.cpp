@@ -14,7 +14,7 @@
 namespace minicloth {
 namespace {
 
-constexpr int kLook = 8;                 // substeps for which bodies stay near or far
+constexpr int kLook = 8;  // substeps for which bodies stay near or far; fewer at first, as cloth may speed up from rest
 constexpr std::size_t kCache = 1 << 20;  // bytes that the fields of cloths in lanes may take
 
 // One thread's fields. Where no vertex is they are zeros and stay so, but for what is not finite.
@@ -152,7 +152,8 @@ bool Explicit<T>::advance(const std::vector<Frame<T>>& frames, const std::vector
       if (k % held == 0) pull.step(f, k);
     for (PullShared<T>& pull : shared) pull.step(f, k, k % held == 0);
     if (k == 0) handles.pull(f, width, 0, -h / 2);
-    const int ahead = k == 0 ? 1 : k == 1 || k % kLook == 0 ? kLook - k % kLook : 0;  // substeps, 0: seen already
+    const bool doubled = k < kLook && (k & (k - 1)) == 0;
+    const int ahead = doubled ? std::max(k, 1) : k % kLook == 0 ? kLook : 0;  // substeps, 0: seen already
     if (ahead) bodies.look(k / double(count), (k + ahead) / double(count));
     const std::vector<BodyLanes<T>>& now = bodies.to((k + (k < count ? 1 : 0.5)) / count);
     if (!now.empty() && ahead) kernels.near(s, f, full, now, ahead, near);
