@@ -131,7 +131,14 @@ def test_strict_refuses_other_materials_however_they_come() -> None:
 
 @pytest.mark.parametrize(
     ("scene", "sequence", "own"),
-    [("Draping", 10, False), ("Hitting", 33, False), ("Skirt", 5, False), ("Draping", 10, True), ("Hitting", 33, True)],
+    [
+        ("Draping", 10, False),
+        ("Hitting", 33, False),
+        ("Skirt", 5, False),
+        ("Draping", 10, True),
+        ("Hitting", 33, True),
+        ("Curtain", 10, True),
+    ],
 )
 def test_what_is_shipped_is_nearer_to_unseen_tracked_cloth_than_interpolation(
     scene: str, sequence: int, own: bool

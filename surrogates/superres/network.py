@@ -95,7 +95,7 @@ class SuperResolution(Upscaler):
 
 
 def weights_name(scene: str, own: bool = False) -> str:
-    """The checkpoint of a scene on the grid of Chen et al. 2020, or on its ``own``."""
+    """The checkpoint of a scene on the grid of Chen et al. 2020 if that has one for it, or on its ``own``."""
     return f"mfsr_{scene.lower()}{OWN * own}"
 
 
