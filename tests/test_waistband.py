@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from cloth_envs.figure.dance import dance
+from cloth_envs.figure.entry import check_entry
 from cloth_envs.figure.motion import Motion, read_motion
 from cloth_envs.figure.skeleton import JOINTS, OFFSETS, PARENTS, place
 from cloth_envs.presets import load_preset
@@ -48,6 +49,19 @@ def test_a_knee_may_come_up_to_the_waistband_and_not_into_it() -> None:
     )
     with pytest.raises(ValueError, match=f"{into}.*{free}"):
         check_waistband(motion, "it")
+
+
+@pytest.mark.parametrize(
+    ("joint", "axis", "degrees", "why"), [("pelvis", "Y", 90, "hips face"), ("pelvis", "X", 180, "upside down")]
+)
+def test_motions_begin_upright(joint: str, axis: str, degrees: float, why: str) -> None:
+    """In the middle, at 2 s, as far as they like."""
+    motion = bent(joint, axis, degrees)
+    check_entry(motion, 0.65, "it")
+    with pytest.raises(ValueError, match=f"{why}.* at .*its first 2.60 s should be upright"):
+        check_entry(motion, 2.6, "it")
+    check_entry(bent("left_thigh", "Y", -95), 9.0, "it")
+    check_entry(dance(), 48.0, "it")
 
 
 @pytest.mark.parametrize("fps", [24.0, 29.97, 60.0, 120.0])

@@ -5,8 +5,10 @@ from array_api_compat import array_namespace
 
 from cloth_envs.figure import body
 from cloth_envs.figure.dance import stand
+from cloth_envs.figure.motion import Motion
 from cloth_envs.figure.skeleton import PARENTS
 
+LEVEL, OPPOSED = 0.25, -0.97  # least level part of where hips face, cosine of the most that a bone turns (166 degrees)
 BONES = np.array([range(1, len(PARENTS)), PARENTS[1:]], np.int32)  # ``(2, J - 1)``, the joints at their ends
 
 
@@ -64,6 +66,29 @@ def enter(
     mixed, changing, _, _ = _direction(stood + share * apart, swept + share * (turning - swept) + rate * apart)
     placed = links @ xp.concat([length * mixed, growth * mixed + length * changing], axis=2)
     return joints[:, :1] + placed[:, :, :3], speeds[:, :1] + placed[:, :, 3:]
+
+
+def check_entry(motion: Motion, seconds: float, which: str) -> None:
+    """Refuse a motion into whose first ``seconds`` who stands can't go over: bones would jump.
+
+    Raises:
+        ValueError: the hips face up or down, or a bone lies opposite to where it is upright; says when.
+    """
+    times = np.append(np.arange(0.0, min(seconds, motion.duration), 0.5 / motion.fps), min(seconds, motion.duration))
+    joints, speeds = motion.at(times)
+    none = np.zeros(len(times))
+    stood, _ = enter(joints, speeds, none, none, upright(), chain(), BONES)
+    left, spine = (joints[:, a] - joints[:, b] for a, b in (body.HIPS[::-1], (body.TORSO, body.PELVIS)))
+    forward = np.cross(left, spine)
+    level = np.linalg.norm(forward[:, :2], axis=1) / np.linalg.norm(forward, axis=1)
+    lines, before = (part[:, BONES[0]] - part[:, BONES[1]] for part in (joints, stood))
+    alike = ((lines * before).sum(2) / np.square(lines).sum(2)).min(1)
+    for least, found, what in ((LEVEL, level, "the hips face up or down"), (OPPOSED, alike, "a limb is upside down")):
+        if found.min() < least:
+            raise ValueError(
+                f"{which} begins where who stands can't go over into it: {what} at {times[found.argmin()]:.2f} s; "
+                f"its first {seconds:.2f} s should be upright, so store a later part of it"
+            )
 
 
 def heading(joints: np.ndarray, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,12 +17,13 @@ from typing import Any, ClassVar
 import numpy as np
 from array_api_compat import array_namespace
 
+from cloth_envs.figure.entry import check_entry
 from cloth_envs.figure.motion import read_motion
 from cloth_envs.presets.ball_path import BallPath, to_and_fro
 from cloth_envs.scene import Scene
 from cloth_envs.scenes.draping import Draping
 from cloth_envs.scenes.hitting import CLIPS, HUNG, Hitting
-from cloth_envs.scenes.skirt import Skirt
+from cloth_envs.scenes.skirt import BLEND, Skirt
 from cloth_envs.scenes.starts import either, pleats
 from cloth_envs.scenes.task import Start, Task
 from cloth_envs.scenes.waistband import check_waistband
@@ -164,7 +165,7 @@ class Skirt2020(Skirt):
     ## Arguments
     `preset="chen2020"`, or `preset={"name": "chen2020", "tempo": 0.5, "motion": "motions.h5:dance"}`: how fast the
     dance is (0.125), and a recorded one by file and name in place of the built-in one; see `cloth_envs.figure.motion`.
-    One that takes a limb into the waistband is refused.
+    One that does not begin upright, or takes a limb into the waistband, is refused.
     `"sequence"` 0 to 6 begin at a place of the dance of their own, 0 to 4 for training in its first five sevenths, 5
     and 6 for testing in the rest, which 800 frames do not leave (-1, the default: at a random one). `resolution=(25,
     52)` is the coarse skirt.
@@ -183,8 +184,8 @@ class Skirt2020(Skirt):
         """The task with another tempo or motion, or of one ``sequence``.
 
         Raises:
-            ValueError: a tempo that is not positive, a motion that is no ``FILE:NAME``, not there or takes a limb into
-                the waistband, or no sequence.
+            ValueError: a tempo that is not positive, a motion that is no ``FILE:NAME``, not there, does not begin
+                upright or takes a limb into the waistband, or no sequence.
         """
         chosen = {**cls.options, **options}
         if not chosen["tempo"] > 0:
@@ -204,6 +205,7 @@ class Skirt2020(Skirt):
                     f"preset 'chen2020' needs a file and a name as motion, such as 'motions.h5:dance', got "
                     f"{chosen['motion']!r}: {error}"
                 ) from error
+            check_entry(motion, 0.5 * BLEND * chosen["tempo"], f"motion {name!r} in {path}")
             check_waistband(motion, f"motion {name!r} in {path}")
         made = {"options": chosen, "motion": motion, "tempo": chosen["tempo"], "__doc__": cls.__doc__}
         return type(cls.__name__, (cls,), made | {"sequence": int(chosen["sequence"])})
