@@ -204,7 +204,8 @@ def run(names: Sequence[str], pairs: Aligned, held: Aligned, seconds: float, out
         ValueError: ``out`` has figures, or what was half done, of other pairs.
     """
     scale, told = pairs.range(), out / "published.json"
-    data = digest(scene, *(part.pairs.coarse.cpu().numpy() for part in (pairs, held)))
+    cloths = (cloth for part in (pairs, held) for cloth in (part.pairs.coarse, part.pairs.fine))
+    data = digest(scene, *(cloth.cpu().numpy() for cloth in cloths))
     rows: dict[str, Any] = read_json(told, remedy="remove it") if told.is_file() else {}
     if other := [name for name, row in rows.items() if row.get("pairs") != data]:
         raise ValueError(f"{told} has figures of {other[0]} that are of other pairs: give another folder as --out")
