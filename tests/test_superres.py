@@ -381,6 +381,48 @@ def test_a_published_training_that_was_stopped_goes_on(tmp_path: Path, monkeypat
         assert torch.equal(a, b)
 
 
+def test_a_published_training_does_not_take_what_is_of_other_pairs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither figures, nor weights or a plan that were half done: every scene's folder is the same by default."""
+    few, many = (torch.from_numpy(crumpled(grid, 1)).repeat(8, 1, 1, 1) for grid in (SMALL, LARGE))
+    pairs = Aligned.of(Frames(few, many, torch.zeros(8), SMALL, LARGE, 0.04))
+    other = Aligned.of(Frames(few + 0.01 * torch.rand(few.shape), many, torch.zeros(8), SMALL, LARGE, 0.04))
+    monkeypatch.setattr(published, "RECIPES", {"all": published.Recipe(size=published.SMALL, windows=1)})
+    monkeypatch.setattr(published, "_affordable", lambda *_: 2)
+    whole = published.test
+
+    def stopped(*_: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(published, "test", stopped)  # both steps are done and kept
+    with pytest.raises(KeyboardInterrupt):
+        published.run(["all"], pairs, pairs, 1.0, tmp_path, "Draping")
+    monkeypatch.setattr(published, "test", whole)
+    for one, scene in ((other, "Draping"), (pairs, "Hitting")):
+        with pytest.raises(ValueError, match="of another recipe or other data"):
+            published.run(["all"], one, one, 1.0, tmp_path, scene)
+    (tmp_path / "all.part").unlink()  # as if stopped before anything was kept
+    monkeypatch.setattr(published, "_affordable", lambda *_: 3)
+    published.run(["all"], other, other, 1.0, tmp_path, "Draping")
+    assert loads((tmp_path / "published.json").read_text())["all"]["steps"] == 3
+    for one, scene in ((pairs, "Draping"), (other, "Hitting")):
+        with pytest.raises(ValueError, match="of other pairs: give another folder as --out"):
+            published.run(["all"], one, one, 1.0, tmp_path, scene)
+
+
+@pytest.mark.parametrize("option", [{"width": 5}, {"layers": 0}, {"steps": 0}, {"windows": -1}])
+def test_a_recipe_of_nothing_is_refused(option: dict[str, int]) -> None:
+    with pytest.raises(ValueError, match=f"{next(iter(option))} must be"):
+        Recipe(**option)
+
+
+@pytest.mark.parametrize("given", [["--seconds", "0"], ["--frames", "3"]])
+def test_a_published_training_of_nothing_is_refused(given: list[str]) -> None:
+    with pytest.raises(ValueError, match="--seconds must be over 0 and --frames at least 4"):
+        published.main(given)
+
+
 def test_the_published_rate_falls_by_ten_until_the_middle() -> None:
     rate = published.published_rate(1e-4, 240)
     assert [rate(step) for step in (0, 39, 40, 80, 120, 239)] == pytest.approx([1e-4, 1e-4, 1e-5, 1e-6, 1e-7, 1e-7])

@@ -313,3 +313,12 @@ def test_the_command_says_what_it_does(tmp_path: Path, capsys: pytest.CaptureFix
     with pytest.raises(SystemExit, match="2"):
         main(["generate", "Skirt", "--pairs", "synchronised", "--frames", "801"])
     assert "--frames must be at most 800" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("folder", "words"),
+    [("skirt", "Skirt --pairs synchronised`"), ("draping_own", "Draping --pairs synchronised --own`"), ("a", "SCENE ")],
+)
+def test_where_there_are_no_pairs_it_says_how_to_make_them(tmp_path: Path, folder: str, words: str) -> None:
+    with pytest.raises(ValueError, match=f"run `minicloth generate {words}"):
+        sequences(tmp_path / folder, "train")

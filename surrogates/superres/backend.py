@@ -31,7 +31,8 @@ class MfsrBackend(MiniatureBackend):
             frame's.
         threads: over members of the batch.
         solver: of the coarse cloth, as for ``backend="reference"``. solver_kwargs: its other options.
-        strict: raise ValueError where the network was not trained, instead of interpolating bicubically.
+        strict: raise ValueError where the network was not trained, instead of interpolating bicubically, or taking it
+            as it is for another material or physics.
 
     Raises:
         ValueError: a bad argument; ``strict``, and a scene, grid, material or physics that the network was not
@@ -53,7 +54,8 @@ class MfsrBackend(MiniatureBackend):
         self._lacks, self._other = lacks(scene, self._weights), physics_beyond(scene, solver)
         why = self.beyond(scene.material)
         if true_or_false("strict", strict) and why:
-            raise ValueError(f"strict=True: {why}: leave strict out for interpolation, or use the reference")
+            instead = "interpolation" if self._lacks else "the network as it is"
+            raise ValueError(f"strict=True: {why}: leave strict out for {instead}, or use the reference")
         super().__init__(
             scene, num_envs=num_envs, factor=SCALE, scaling="similar", upscaler="bicubic" if self._lacks else "mfsr",
             mend=False, guard=guard, threads=threads, solver=solver, solver_kwargs=solver_kwargs, strict=strict,

@@ -32,6 +32,9 @@ class Recipe:
     Attributes:
         normal, flicker, wrinkle, fine: weights of the losses beside that of distances, which is 1.
         windows: of three frames in a batch. rate: falls along half a cosine.
+
+    Raises:
+        ValueError: a width that is odd, for its halves mirror each other; none of what there must be.
     """
 
     width: int = 32
@@ -44,6 +47,13 @@ class Recipe:
     windows: int = 4
     rate: float = 2e-3
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.width < 2 or self.width % 2:
+            raise ValueError(f"width must be even and at least 2, got {self.width}")
+        for name in ("layers", "steps", "windows"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
 
 
 class Mirrored(Conv):

@@ -7,6 +7,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.recording import Rollout
+from cloth_envs.registry import SCENES
 from cloth_envs.scene import Scene
 from surrogates.superres.network import OWN
 from training.cache import cache_folder
@@ -33,7 +34,9 @@ def sequences(folder: Path, split: str) -> list[Path]:
     """The fine recordings of ``"train"`` or ``"test"``, in order. Raises ValueError: there are none."""
     found = sorted((folder / split / "fine").glob("[0-9]*.h5"))
     if not found:
-        raise ValueError(f"no pairs for {split} in {folder}: run `minicloth generate SCENE --pairs synchronised`")
+        scene = next((name for name in SCENES if name.lower() == folder.name.removesuffix(OWN)), "SCENE")
+        command = f"minicloth generate {scene} --pairs synchronised{' --own' * folder.name.endswith(OWN)}"
+        raise ValueError(f"no pairs for {split} in {folder}: run `{command}`")
     return found
 
 

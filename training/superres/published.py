@@ -24,7 +24,7 @@ from cloth_envs.progress import announce
 from cloth_envs.registry import PRESETS
 from surrogates.superres.image import Range
 from surrogates.superres.published import MeshSr, Mfsr
-from training.cache import cache_folder
+from training.cache import cache_folder, digest
 from training.fit import Kept, Rate, cosine, fit
 from training.rows import read_names, write_rows
 from training.superres.convergence import CONVERGENCE, convergence
@@ -35,6 +35,7 @@ from training.superres.pairs import SPLITS, read, sequences
 RATE, EPOCHS, DROP, LAST_DROP = 1e-4, 120, 20, 60
 LOOKS = 20  # points of a curve of convergence
 PROBE = 20  # steps that are timed
+FEWEST = 4  # frames of a sequence: a velocity and the kinematic loss
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,9 @@ def train(
     starts = pairs.pairs.starts(1, recipe.ahead)
     looked = _spread(held.pairs.starts(1, 0), 32)
     notes = kept.path.with_suffix(".json") if kept is not None else None
-    begun = read_json(notes, remedy="remove it") if notes is not None and notes.is_file() else {}
+    begun: dict[str, Any] = {}
+    if kept is not None and notes is not None and kept.read() and notes.is_file():
+        begun = read_json(notes, remedy="remove it")
     curve: list[list[float]] = begun.get("curve", [])
     call: Any = net
     if device.type == "cuda":
@@ -196,15 +199,22 @@ def run(names: Sequence[str], pairs: Aligned, held: Aligned, seconds: float, out
     """Train each of ``RECIPES`` for so long, score it, write its weights and ``<out>/published.json`` after each.
 
     The curves are in ``<out>/superres_convergence.csv`` too, for the chart of ``minicloth bench super-resolution``.
+
+    Raises:
+        ValueError: ``out`` has figures, or what was half done, of other pairs.
     """
     scale, told = pairs.range(), out / "published.json"
+    cloths = (cloth for part in (pairs, held) for cloth in (part.pairs.coarse, part.pairs.fine))
+    data = digest(scene, *(cloth.cpu().numpy() for cloth in cloths))
     rows: dict[str, Any] = read_json(told, remedy="remove it") if told.is_file() else {}
+    if other := [name for name, row in rows.items() if row.get("pairs") != data]:
+        raise ValueError(f"{told} has figures of {other[0]} that are of other pairs: give another folder as --out")
     for name in names:
         if name in rows:
             continue
-        kept = Kept(out / f"{name}.part", json.dumps(asdict(RECIPES[name])), every=100)
+        kept = Kept(out / f"{name}.part", json.dumps({**asdict(RECIPES[name]), "pairs": data}), every=100)
         net, about = train(RECIPES[name], pairs, held, scale, seconds=seconds, kept=kept, label=name)
-        rows[name] = {**about, **test(RECIPES[name], net, held, scale)}
+        rows[name] = {"pairs": data, **about, **test(RECIPES[name], net, held, scale)}
         if name in KEPT:
             torch.save({key: value.half().cpu() for key, value in net.state_dict().items()}, out / f"{name}.pt")
         write_text(told, json.dumps(rows, indent=1) + "\n")
@@ -224,6 +234,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("published"), help="folder of weights and figures")
     given = parser.parse_args(argv)
     read_names(given.scene, list(PRESETS["chen2020"]), "scene")
+    if given.seconds <= 0 or given.frames < FEWEST:
+        had = f"{given.seconds:g} and {given.frames}"
+        raise ValueError(f"--seconds must be over 0 and --frames at least {FEWEST}, got {had}")
     names, device = read_names(given.networks, list(RECIPES), "network"), "cuda" if torch.cuda.is_available() else "cpu"
     check_folder(given.out)
     folder = cache_folder("synchronised") / given.scene.lower()
