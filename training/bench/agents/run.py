@@ -94,7 +94,8 @@ class Training:
             players = ppo.Players(scene, backend, {**options, "threads": 1}, 10_000 * (seed + 1) + 1_000 * number)
             until += share * budget
             if self.agent is None:
-                self.agent = ppo.Agent(players.seen.shape[1], players.env.action_space.shape[1])
+                told = len(players.env.world.task.extras)
+                self.agent = ppo.Agent(players.seen.shape[1], players.env.action_space.shape[1], told)
                 optimizer = torch.optim.Adam(self.agent.parameters(), lr=ppo.RATE, eps=1e-5)
             while self.seconds < until - 1e-9:
                 began = process_time()
