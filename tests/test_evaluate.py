@@ -239,7 +239,7 @@ def test_the_example_learns_and_its_policy_is_evaluated(tmp_path: Path) -> None:
     said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     rewards = [float(reward) for reward in re.findall(r"([\d.]+) a frame", said)]
     assert "reference {}" in said
-    assert len(rewards) == 7
+    assert len(rewards) == 13
     assert rewards[-1] > rewards[0] + 0.05
     seeds, options = range(4), {"backend": "miniature", "frames": 50}
     own, zero = (play("Pressure", load_policy(name, "Pressure"), seeds, **options) for name in (str(policy), "zero"))
