@@ -3,6 +3,8 @@
 Importing the package registers ``MiniCloth-<Scene>-v0`` and ``-v1`` for every scene.
 """
 
+import warnings
+
 from gymnasium.envs.registration import register
 
 from cloth_envs.material import FABRICS, Material
@@ -35,3 +37,6 @@ for _name, _frames in EPISODE_FRAMES.items():
         kwargs={"scene": _name},
         max_episode_steps=_frames,
     )
+
+# Gymnasium warns of every id that has a later version; here both are kept.
+warnings.filterwarnings("ignore", r".*MiniCloth-.*-v0 is out of date", DeprecationWarning)

@@ -29,6 +29,7 @@ MARGIN = {
 FIRST: dict[str, Callable[[float], float]] = {
     "Flag": lambda away: 1 - away,
     "Flag-v1": lambda away: 1 - away,
+    "Curtain-v1": lambda away: (0.1 ** ((away / 0.8) ** 2) + 0.1 ** ((away / 0.22) ** 2)) / 2,
     "Hanging-v1": lambda away: (0.1 ** (away**2) + 0.1 ** ((away / 0.25) ** 2)) / 2,
     "BallDrop-v1": lambda away: 0.25 + 0.75 * 0.1 ** ((away / 0.5) ** 2),
 }

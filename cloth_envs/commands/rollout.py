@@ -55,8 +55,7 @@ def rollout(
         check_file(hdf5)
     outputs = ", ".join(planned(path) for path in (hdf5, video, images) if path is not None)
     with ExitStack() as stack:
-        spec = gym.spec(env_id(scene))  # of an id that has a newer version Gymnasium would say so
-        env: gym.Env[Any, Any] = gym.make(spec, max_episode_steps=frames, disable_env_checker=True, **options)
+        env: gym.Env[Any, Any] = gym.make(env_id(scene), max_episode_steps=frames, disable_env_checker=True, **options)
         stack.callback(env.close)
         cloth: Any = env.unwrapped
         drawn = video is not None or images is not None
