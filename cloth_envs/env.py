@@ -8,10 +8,9 @@ import numpy as np
 from cloth_envs import folds
 from cloth_envs.arguments import check_reset_options, check_seed, one_of, read_actions, true_or_false
 from cloth_envs.backend import plain_words
+from cloth_envs.members import OneCloth
 from cloth_envs.observation import member
 from cloth_envs.options import check_options
-from cloth_envs.scene import Scene
-from cloth_envs.scenes.task import Task
 from cloth_envs.state import State
 from cloth_envs.time_limit import TimeLimits
 from cloth_envs.world import World
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from cloth_envs.rendering import Renderer
 
 
-class ClothEnv(gym.Env[Any, np.ndarray]):
+class ClothEnv(OneCloth, gym.Env[Any, np.ndarray]):
     """A cloth scene; made by ``gym.make("MiniCloth-<Scene>-v0", ...)``, or ``-v1``.
 
     What there is to do is told by ``env.unwrapped.task.__doc__``, and by ``minicloth list --scene <Scene>``.
@@ -79,36 +78,6 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
 
         return card(repr(self), self.scene, self.state if self.world.started else None)
 
-    @property
-    def scene(self) -> Scene:
-        """The frozen ``Scene``; ``scene.describe()`` says what is modelled."""
-        return self.world.scene
-
-    @property
-    def task(self) -> Task:
-        """The task that maps actions to controls and states to rewards."""
-        return self.world.task
-
-    @property
-    def state(self) -> State:
-        """The present state, a batch of one; read only."""
-        return self.world.state.read_only()
-
-    @property
-    def positions(self) -> np.ndarray:
-        """A float32 copy, ``(3, H, W)`` [m]."""
-        return self.state.positions[0].astype(np.float32)
-
-    @property
-    def velocities(self) -> np.ndarray:
-        """A float32 copy, ``(3, H, W)`` [m/s]."""
-        return self.state.velocities[0].astype(np.float32)
-
-    @property
-    def time(self) -> float:
-        """Simulated time since the reset [s]."""
-        return float(self.state.time[0])
-
     def set_positions(self, positions: np.ndarray, velocities: np.ndarray | None = None) -> None:
         """Place the cloth: ``(3, H, W)`` [m] and [m/s] (default at rest). Goals, bodies and time stay.
 
@@ -137,10 +106,6 @@ class ClothEnv(gym.Env[Any, np.ndarray]):
         """``info["material"]``, where it is randomised."""
         world = self.world
         return {"material": dict(zip(world.ranges, world.varied[0].tolist(), strict=True))} if world.ranges else {}
-
-    def describe(self) -> str:
-        """What the physics models and what it does not, and by what means, as text."""
-        return self.world.describe()
 
     def step(self, action: np.ndarray) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         chosen = read_actions(action, self.world.action_space.shape, self.world.task.actions)

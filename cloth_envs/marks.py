@@ -45,6 +45,17 @@ def line(*points: np.ndarray | tuple[float, ...], own: bool = False) -> Mark:
 
 def ring(centre: np.ndarray, radius: float, *, own: bool = False) -> Mark:
     """A level circle of ``radius`` around ``centre`` ``(3,)`` [m]."""
-    around = np.stack([np.cos(CIRCLE), np.sin(CIRCLE), np.zeros_like(CIRCLE)], 1)
-    circle = centre + radius * np.append(around, around[:1], 0)
-    return Mark("line", circle, own)
+    return Mark("line", centre + radius * _around(0, 1), own)
+
+
+def globe(centre: np.ndarray, radius: float) -> list[Mark]:
+    """Where a ball of ``radius`` around ``centre`` ``(3,)`` [m] is that the cloth may hide: three circles on it."""
+    return [Mark("line", centre + radius * _around(*axes), own=True) for axes in ((0, 1), (1, 2), (0, 2))]
+
+
+def _around(first: int, second: int) -> np.ndarray:
+    """A closed circle of radius 1 in the plane of two axes, ``(N, 3)``."""
+    circle = np.zeros((len(CIRCLE) + 1, 3))
+    circle[:-1, first], circle[:-1, second] = np.cos(CIRCLE), np.sin(CIRCLE)
+    circle[-1] = circle[0]
+    return circle

@@ -44,6 +44,11 @@ class MixedBackend(Stateful):
                 backend.recall(own)
         self._join()
 
+    def place(self, member: int) -> tuple[str, int]:
+        """What the names in ``memory`` of the part that has ``member`` begin with, and which of its rows is its own."""
+        members = next(members for members, _ in self.parts if member in members)
+        return f"{spans(members.tolist())}.", int(np.searchsorted(members, member))
+
     @property
     def guarded(self) -> np.ndarray:
         """See ``Backend``, ``(B,)``."""

@@ -19,6 +19,7 @@ ELSEWHERE = {
     "options": "options are given to the reset: write env.reset(options={value!r})",
     "num_envs": "a single environment has one cloth: write gymnasium.make_vec(id, num_envs={value!r})",
     "n_envs": "many cloths are num_envs of a vector environment: write gymnasium.make_vec(id, num_envs={value!r})",
+    "desync": "episodes of a batch end at different times: write gymnasium.make_vec(id, desync={value!r})",
     "friction": "friction is of a scene's bodies and layers (Collider, SelfContact of cloth_envs): leave it out",
     "frame_skip": "a wrapper repeats actions: leave it out",
     **dict.fromkeys(("frame_dt", "dt", "timestep", "time_step"), FRAME),

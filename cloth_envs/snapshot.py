@@ -14,6 +14,7 @@ from cloth_envs.state import State
 
 LIMIT = 1e6  # m, m/s, Pa: numbers of a state or a task beyond it are no cloth's
 OWN = "backend."  # before the names of what a backend remembers
+ALIKE = ("action", "frames", "last_second")  # of a snapshot, an array with a row a member each
 
 
 @dataclass
@@ -97,6 +98,39 @@ class Snapshot:
             last_second=values["last_second"],
             rngs=[_generator(text) or old for text, old in zip(texts.tolist(), self.rngs, strict=True)],
         )
+
+    def alone(self, i: int, start: str, row: int) -> "Snapshot":
+        """That of member ``i``, as of a single environment: of ``own``, ``row`` of names that begin with ``start``."""
+        own = {name.removeprefix(start): value for name, value in self.own.items() if name.startswith(start)}
+        return replace(
+            self,
+            state=self.state.select([i]),
+            memory={name: value[[i]] for name, value in self.memory.items()},
+            own={name: value[[row]] for name, value in own.items()},
+            materials=[self.materials[i]],
+            rngs=[self.rngs[i]],
+            **{name: getattr(self, name)[[i]] for name in ALIKE},
+        )
+
+    def put(self, i: int, start: str, row: int, other: "Snapshot") -> "Snapshot":
+        """A copy whose member ``i`` is that of ``other``, as ``alone`` gives it."""
+        new = replace(
+            self,
+            state=self.state.select(slice(None)),
+            memory={name: value.copy() for name, value in self.memory.items()},
+            own={name: value.copy() for name, value in self.own.items()},
+            materials=[*self.materials[:i], *other.materials, *self.materials[i + 1 :]],
+            rngs=[*self.rngs[:i], *other.rngs, *self.rngs[i + 1 :]],
+            **{name: getattr(self, name).copy() for name in ALIKE},
+        )
+        new.state.assign([i], other.state)
+        for name, value in other.own.items():
+            new.own[start + name][row] = value[0]
+        for name, value in other.memory.items():
+            new.memory[name][i] = value[0]
+        for name in ALIKE:
+            getattr(new, name)[i] = getattr(other, name)[0]
+        return new
 
     def _identity(self) -> str:
         """What must be equal where a state is taken back, whatever the material; JSON."""

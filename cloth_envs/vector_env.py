@@ -24,11 +24,13 @@ from cloth_envs.arguments import (
 )
 from cloth_envs.backend import device_of, keywords, plain_words
 from cloth_envs.choice import Choice, as_lists, choices
+from cloth_envs.members import Member, Members
 from cloth_envs.naming import counted
 from cloth_envs.observation import member
 from cloth_envs.options import check_options
 from cloth_envs.registry import load_backend
 from cloth_envs.scene import Scene
+from cloth_envs.scenes.task import Task
 from cloth_envs.snapshot import check_array
 from cloth_envs.state import State
 from cloth_envs.world import World
@@ -37,11 +39,12 @@ if TYPE_CHECKING:
     from cloth_envs.rendering import Renderer
 
 OUTPUTS = ("numpy", "torch")
+OWN = ("ended", "ahead")  # of a state, beside the world's
 DRAWN = 16  # members that are drawn
 _MODES = {mode.value: mode for mode in AutoresetMode}
 
 
-class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
+class ClothVectorEnv(Members, VectorEnv[Any, Any, np.ndarray]):
     """``num_envs`` cloths stepped together; made by ``gym.make_vec(id, num_envs=N, ...)``.
 
     Member i is bit-equal to the single environment with the same seed and actions.
@@ -53,6 +56,8 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         output: ``"numpy"``, or ``"torch"``: observations, rewards and both flags are tensors, of a backend on a device,
             such as ``backend="cnn"`` with ``{"device": "cuda"}``. Such a backend's controls, rewards and observations
             are computed there either way; actions may be a tensor.
+        desync: whether first episodes after a reset of all end at different times: that of member i by ``i / num_envs``
+            of the limit earlier. What starts then is whole.
         render_mode: ``"rgb_array"``: ``render()`` gives a picture of each of the first 16 members.
         backend, backend_kwargs: as of ``ClothEnv``, or a list with one for each member, such as
             ``["miniature"] * 31 + ["reference"]`` and ``[{"factor": 4}] * 31 + [{}]``. A backend that takes ``threads``
@@ -63,6 +68,8 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         ValueError: a bad argument; says what to write instead.
     """
 
+    _renderer: "Renderer | None" = None  # Gymnasium closes what was refused, too
+
     def __init__(
         self,
         scene: str,
@@ -71,6 +78,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         max_episode_steps: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         output: str = "numpy",
+        desync: bool = False,
         render_mode: str | None = None,
         show_goal: bool = True,
         **options: Any,
@@ -85,6 +93,9 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         self.autoreset_mode = _MODES[one_of("autoreset_mode", name, _MODES)]
         self._tensors = one_of("output", output, OUTPUTS) == "torch"
         self._limit = _limit(max_episode_steps)
+        self._desync = true_or_false("desync", desync)
+        if self._desync and self._limit is None:
+            raise ValueError("desync=True needs episodes that end: pass max_episode_steps")
         self.world = _on_its_device(World(scene, num_envs=num_envs, **threaded(options, num_envs)))
         if self._tensors and self.world.device is None:
             raise ValueError(
@@ -95,7 +106,6 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             folds.warn_coarse(self.world.scene)
         self.num_envs = num_envs
         self.render_mode = render_mode
-        self._renderer: Renderer | None = None
         self._starts: State | None = None  # of the episodes of members that are drawn
         self.metadata = {
             "autoreset_mode": self.autoreset_mode,
@@ -107,6 +117,9 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._ended = np.zeros(num_envs, bool)
+        self._ahead = np.zeros(num_envs, np.int64)  # frames by which an episode is shorter than the limit
+        self._seeds: list[int | None] = [None] * num_envs
+        self.members = [Member(self, i) for i in range(num_envs)]
 
     def __repr__(self) -> str:
         return f"<ClothVectorEnv {self.world.title}, {counted(self.num_envs, 'environment')}, {self.world.progress}>"
@@ -115,6 +128,11 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
     def scene(self) -> Scene:
         """The frozen ``Scene``; it lists self-contact where all members' backends model it."""
         return self.world.scene
+
+    @property
+    def task(self) -> Task:
+        """The task of all members, which maps actions to controls and states to rewards."""
+        return self.world.task
 
     @property
     def backends(self) -> tuple[str, ...]:
@@ -139,10 +157,12 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         n = self.num_envs
         seeds = check_seeds(seed, n)
         mask = check_mask(check_reset_options(options, ["reset_mask"]).get("reset_mask", [True] * n), n)
-        for i in np.flatnonzero(mask):
+        for i in np.flatnonzero(mask).tolist():
             if seeds[i] is not None or self.world.rngs[i] is None:
-                self.world.rngs[i], _ = seeding.np_random(seeds[i])
+                self._seed(i, seeds[i])
         self._start(np.flatnonzero(mask))
+        if self._desync and self._limit is not None and mask.all():
+            self._ahead = self._limit * np.arange(n) // n
         return self._out(self.world.observe()), self._by_other_means(mask) | self._material(mask)
 
     def describe(self) -> str:
@@ -161,7 +181,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
     def _start(self, which: np.ndarray) -> None:
         rngs = {int(i): rng for i in which if (rng := self.world.rngs[i]) is not None}
         self.world.reset(rngs)
-        self._ended[which] = False
+        self._ended[which], self._ahead[which] = False, 0
         if self.render_mode is not None:
             now = self.world.read_only().select(slice(DRAWN))
             if self._starts is None:
@@ -204,7 +224,7 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
         rewards = 1.0 * earned  # the caller's
         terminated = np.zeros(n, bool)
         terminated[list(reasons)] = True
-        truncated = np.zeros(n, bool) if self._limit is None else world.frames >= self._limit
+        truncated = np.zeros(n, bool) if self._limit is None else world.frames + self._ahead >= self._limit
         if again.size:  # next-step mode: this step only starts the new episode of those
             self._start(again)
             rewards[again], terminated[again], truncated[again] = 0.0, False, False
@@ -273,21 +293,52 @@ class ClothVectorEnv(VectorEnv[Any, Any, np.ndarray]):
             told |= _told(name, values * which, which)
         return _told("material", told, which) if told else {}
 
-    def get_state(self) -> dict[str, np.ndarray]:
-        """Everything that decides the future, as arrays; see ``ClothEnv.get_state``."""
-        return {**self.world.get_state(), "ended": self._ended.copy()}
+    def _seed(self, i: int, seed: int | None) -> None:
+        self.world.rngs[i], self._seeds[i] = seeding.np_random(seed)
 
-    def set_state(self, state: dict[str, np.ndarray]) -> None:
-        """Continue from what ``get_state`` gave, bit for bit.
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """What draws the next starts, one a member, as Gymnasium's own vector environments have it."""
+        for i, rng in enumerate(self.world.rngs):
+            if rng is None:
+                self._seed(i, None)
+        return tuple(rng for rng in self.world.rngs if rng is not None)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """What those were made from, -1 where that is not known."""
+        return tuple(-1 if seed is None else seed for _, seed in zip(self.np_random, self._seeds, strict=True))
+
+    def draw_by(self, rng: np.random.Generator, member: int) -> None:
+        """Let ``rng`` draw the next starts of a member."""
+        self.world.rngs[member], self._seeds[member] = rng, None
+
+    def get_state(self, member: int | None = None) -> dict[str, np.ndarray]:
+        """Everything that decides the future, as arrays; see ``ClothEnv.get_state``.
+
+        That of one ``member`` is a single environment's, which goes on from it too.
+        """
+        if member is not None:
+            return self.world.get_state(member)
+        return {**self.world.get_state(), "ended": self._ended.copy(), "ahead": self._ahead.copy()}
+
+    def set_state(self, state: dict[str, np.ndarray], member: int | None = None) -> None:
+        """Continue from what ``get_state`` gave, bit for bit; with one ``member`` from a single environment's state.
 
         Raises:
             ValueError: see ``World.set_state``; nothing has changed.
         """
-        if not isinstance(state, Mapping) or "ended" not in state:
-            raise ValueError("this state lacks ended: pass what get_state() of a vector environment gave")
+        if member is not None:
+            self.world.set_state(state, member)
+            self._ended[member], self._ahead[member], self._seeds[member] = False, 0, None
+            return
+        lacks = [name for name in OWN if not isinstance(state, Mapping) or name not in state]
+        if lacks:
+            raise ValueError(f"this state lacks {', '.join(lacks)}: pass what get_state() of a vector environment gave")
         ended = check_array("ended", state["ended"], self._ended.shape, "b")
-        self.world.set_state({name: value for name, value in state.items() if name != "ended"})
-        self._ended = ended
+        ahead = check_array("ahead", state["ahead"], self._ahead.shape, "iu")
+        self.world.set_state({name: value for name, value in state.items() if name not in OWN})
+        self._ended, self._ahead, self._seeds = ended, ahead, [None] * self.num_envs
         if self._starts is None and self.render_mode is not None:
             self._starts = self.world.read_only().select(slice(DRAWN))
 

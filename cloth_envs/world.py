@@ -382,12 +382,17 @@ class World:
         action = self.on_host(self.episode.action)
         return Snapshot(*where, self.state, memory, own, action, self.frames, self.materials, self.rngs, earned)
 
-    def get_state(self) -> dict[str, np.ndarray]:
-        """See ``ClothEnv.get_state``."""
-        return self._now().arrays()
+    def get_state(self, member: int | None = None) -> dict[str, np.ndarray]:
+        """See ``ClothEnv.get_state``; of one ``member``, as a single environment has it."""
+        now = self._now()
+        return (now if member is None else now.alone(member, *self.backend_of(member))).arrays()
 
-    def set_state(self, saved: Mapping[str, np.ndarray]) -> None:
-        """Continue from what ``get_state`` gave, bit for bit on the same backend.
+    def backend_of(self, member: int) -> tuple[str, int]:
+        """What the names of what its backend remembers begin with, and which row of that is the member's."""
+        return self.backend.place(member) if isinstance(self.backend, MixedBackend) else ("", member)
+
+    def set_state(self, saved: Mapping[str, np.ndarray], member: int | None = None) -> None:
+        """Continue from what ``get_state`` gave, bit for bit on the same backend; with one ``member``, if it is named.
 
         Another backend continues from the same positions, velocities, bodies, goals and generators; what
         the saved one remembered beyond them is left out then.
@@ -398,10 +403,13 @@ class World:
                 has changed.
         """
         started = self.started
-        if not started:  # what a state must hold is told by one
+        if not started and member is None:  # what a state must hold is told by one
             self.reset({i: np.random.default_rng(0) for i in range(self.num_envs)})
         try:
-            snapshot = self._now().other(saved)
+            now, (start, row) = self._now(), self.backend_of(member or 0)
+            alone = now if member is None else now.alone(member, start, row)
+            found = alone.other(saved)
+            snapshot = found if member is None else now.put(member, start, row, found)
             for material in set(snapshot.materials):
                 check_material(self.backend, material)
         except BaseException:
@@ -413,6 +421,10 @@ class World:
         self._last_second.extend(self._there(rewards) for rewards in snapshot.last_second.T)
         self._vary(range(self.num_envs))
         self._place(range(self.num_envs), snapshot.state, snapshot.memory)
+        if member is not None and not found.own:  # what was remembered of the member is of another cloth
+            for name, value in self.backend.memory.items():
+                if name.startswith(start):
+                    snapshot.own[name][row] = value[row]
         if snapshot.own:
             self.backend.recall(snapshot.own)
             self.episode.state = self.backend.state

@@ -128,6 +128,17 @@ def test_a_caption_tells_reward_and_success(tmp_path: Path) -> None:
     assert (lower[0].max(2) < 90).sum() > 100 > (lower[1].max(2) < 90).sum()  # letters
 
 
+def test_the_longest_caption_fits(tmp_path: Path) -> None:
+    rollout(
+        "BallDrop-v1", frames=1, seed=0, policy="zero", video=None, images=str(tmp_path), hdf5=None, strain=False,
+        overwrite=False, caption=True, resolution=(13, 17),
+    )  # fmt: skip
+    letters = imageio.imread(tmp_path / "frame_00001.png")[-34:].astype(int).max(2) < 90
+    assert letters.any()
+    assert not letters[:, :8].any()
+    assert not letters[:, -8:].any()
+
+
 def test_new_captions_need_room() -> None:
     world = World("Hanging", resolution=(13, 17))
     world.reset({0: np.random.default_rng(0)})

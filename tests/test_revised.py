@@ -116,6 +116,31 @@ def test_collision_tells_no_goal_for_the_ball() -> None:
     assert not [name for name in load_task("Collision-v1").extras if name.startswith("goal")]
 
 
+def test_the_net_of_collision_is_where_the_cloth_should_be() -> None:
+    """The ball's goal, which isn't told, isn't drawn; dots lie on the net where the cloth has its shape."""
+    world = world_of("Collision-v1", 1)
+    for shaped in (False, True):
+        dots, net = [], []
+        for mark in world.goal(0)[0]:
+            assert mark.kind in ("dot", "line")
+            (dots if mark.kind == "dot" else net).append(mark.points)
+        corners = np.concatenate(net[:4])  # of rows
+        assert len(dots) == len(corners) == 16
+        off = np.concatenate(dots) - corners
+        assert not off[:, [0, 2]].any()
+        assert (not off.any()) == shaped
+        world.episode.memory["shape"][:] = world.episode.cloth[:, 1, world.task.shaped]
+
+
+def test_a_ball_behind_the_cloth_is_drawn() -> None:
+    world = world_of("Hitting-v1", 1)
+    circles = [mark for mark in world.goal(0)[0] if mark.kind == "line" and mark.own]
+    assert len(circles) == 3
+    for circle in circles:
+        away = np.linalg.norm(circle.points - world.state.colliders[0, 0, 0], axis=1)
+        np.testing.assert_allclose(away, world.task.radius, rtol=1e-5)
+
+
 def test_both_versions_have_names_ids_and_episodes() -> None:
     assert list(EPISODE_FRAMES) == [*SCENES, *(f"{name}-v1" for name in SCENES)]
     assert cloth_envs.env_id("Flag") == "MiniCloth-Flag-v0"

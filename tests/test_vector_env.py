@@ -8,6 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import cloth_envs
+from cloth_envs.vector_env import ClothVectorEnv
 
 SMALL = {"resolution": (13, 9), "randomize": {"areal_density": [0.15, 0.3]}}
 N = 3
@@ -111,6 +112,11 @@ def test_a_failure_ends_one_member_only() -> None:
     _, rewards, terminated, *_ = env.step(actions)  # next-step mode: member 1 starts anew
     assert not terminated.any()
     assert env.unwrapped.state.time.tolist() == [pytest.approx(0.08), 0.0, pytest.approx(0.08)]
+
+
+def test_what_was_refused_can_be_closed() -> None:
+    """Gymnasium before 1.3 does so as it is dropped."""
+    ClothVectorEnv.__new__(ClothVectorEnv).close()
 
 
 def test_bad_arguments_name_the_remedy() -> None:

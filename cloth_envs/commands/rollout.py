@@ -98,8 +98,8 @@ def _goal(cloth: Any, shown: bool, info: dict[str, Any] | None) -> Goal:
     if info is None:
         return Goal(marks, met)
     parts = ", ".join(f"{name[7:]} {info[name]:.2f}" for name in info if name.startswith("reward_"))
-    told = f"reward {info['reward']:.2f} ({parts})" if info else "start"
-    return Goal(marks, met, f"{told}{'   success' if info.get('success') else ''}")
+    told = f"reward {info['reward']:.2f}{'   success' if info.get('success') else ''}\n{parts}" if info else "start\n"
+    return Goal(marks, met, told)
 
 
 def render(file: str, *, trajectory: int, video: str | None, images: str | None, strain: bool) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
-from cloth_envs.marks import Mark, dot, ghost, line, ring
+from cloth_envs.marks import Mark, dot, line, ring
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
@@ -130,8 +130,8 @@ class BallDrop(Task):
         below = np.array([*ball[:2], middle[2]])
         marks = [line(ball, (*ball[:2], DROP[1])), ring(below, NEAR), dot(middle)]
         if self.version:
-            goal = episode.memory["goal"][member]
-            marks += [ghost(np.array([*goal, CENTRE]), RADIUS), ring(np.array([*goal, 0.0]), BROUGHT)]
+            goal, foot = np.array([*episode.memory["goal"][member], 0.0]), np.array([*middle[:2], 0.0])
+            marks += [line(foot, goal), ring(goal, BROUGHT), dot(foot)]
         return marks
 
     def observe(self, episode: Episode) -> np.ndarray:

@@ -8,7 +8,7 @@ from array_api_compat import array_namespace
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
-from cloth_envs.marks import Mark, ghost, line
+from cloth_envs.marks import Mark, dot, ghost, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene
 from cloth_envs.scenes.drives import Drive, push
@@ -117,10 +117,11 @@ class Collision(Task):
         return controls
 
     def marks(self, episode: Episode, member: int) -> list[Mark]:
-        rows, columns = self.lattice[0] - 1, self.lattice[1]
-        wanted = np.stack([self.across, episode.memory["shape"][member], -self.depth], 1).reshape(rows, columns, 3)
-        net = [line(*points) for points in (*wanted, *wanted.swapaxes(0, 1))]
-        return [ghost(episode.memory["goal"][member], RADIUS), *net]
+        now, wanted = episode.cloth[member][:, self.shaped], episode.memory["shape"][member]
+        x, z = (now[0], now[2]) if self.version else (self.across, -self.depth)
+        net = np.stack([x, wanted, z], 1).reshape(self.lattice[0] - 1, self.lattice[1], 3)
+        of = [dot(point) for point in now.T] if self.version else [ghost(episode.memory["goal"][member], RADIUS)]
+        return [*of, *(line(*points) for points in (*net, *net.swapaxes(0, 1)))]
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state

@@ -6,7 +6,7 @@ import numpy as np
 
 from cloth_envs.grid import Grid
 from cloth_envs.grip import Grip, held
-from cloth_envs.marks import Mark, dot, ghost, line
+from cloth_envs.marks import Mark, dot, ghost, globe, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
@@ -119,7 +119,8 @@ class Hitting(Task):
 
     def marks(self, episode: Episode, member: int) -> list[Mark]:
         vertex, target = self.vertex(episode, episode.state.positions)[member], episode.memory["target"][member]
-        return [line(vertex, target), ghost(target, NEAR), dot(vertex)]
+        ball = globe(episode.state.colliders[member, 0, 0], self.radius)
+        return [line(vertex, target), ghost(target, NEAR), dot(vertex), *ball]
 
     def observe(self, episode: Episode) -> np.ndarray:
         state = episode.state
