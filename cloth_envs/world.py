@@ -18,7 +18,7 @@ from cloth_envs.grid import check_resolution
 from cloth_envs.marks import Mark
 from cloth_envs.material import Material, as_material, check_ranges, warn_unusual
 from cloth_envs.mixed import MixedBackend
-from cloth_envs.naming import counted
+from cloth_envs.naming import REVISED, counted
 from cloth_envs.observation import Observer
 from cloth_envs.physics.solver import solvers_of
 from cloth_envs.places import check_backend_kwargs
@@ -104,7 +104,7 @@ class World:
         self.task: Task = task_class(self.scene)
         self._check_ranges()
         warn_unusual(material, self.ranges)
-        self.title = f"{self.scene.name} {self.scene.grid} {who}"
+        self.title = f"{self.scene.name}{REVISED if self.task.version else ''} {self.scene.grid} {who}"
         self.failures = Failures(self.scene, self.task.max_strain)
         self.rngs: list[np.random.Generator | None] = [None] * num_envs
         self.materials = [base] * num_envs

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import pickle
 from typing import Any
 
+import cloudpickle
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -139,6 +141,25 @@ def test_a_ball_behind_the_cloth_is_drawn() -> None:
     for circle in circles:
         away = np.linalg.norm(circle.points - world.state.colliders[0, 0, 0], axis=1)
         np.testing.assert_allclose(away, world.task.radius, rtol=1e-5)
+
+
+@pytest.mark.parametrize("pickler", [pickle, cloudpickle])
+def test_classes_that_are_made_by_a_call_are_pickled(pickler: Any) -> None:
+    """So that other processes can be asked for their ``task``, as Gymnasium's do."""
+    flag = load_task("Flag-v1")
+    assert pickle.loads(pickler.dumps(flag)).extras == flag.extras
+    assert pickle.loads(pickle.dumps(flag)) is flag
+    for scene, preset, option in (
+        ("Flag", {"name": "lee2019", "mass": 3.0}, "mass"),
+        ("Hitting", {"name": "chen2020", "sequence": 3}, "sequence"),
+        ("Skirt", {"name": "chen2020", "tempo": 0.5}, "tempo"),
+    ):
+        made = World(scene, preset=preset).task
+        again = pickle.loads(pickler.dumps(made))
+        assert again.options == made.options
+        assert again.options[option] == preset[option]
+        assert made.scene.driven_by == again.scene.driven_by == ""
+        assert type(again).__module__ == type(made).__module__ != "abc"
 
 
 def test_both_versions_have_names_ids_and_episodes() -> None:

@@ -115,7 +115,7 @@ def test_a_failure_ends_one_member_only() -> None:
 
 
 def test_what_was_refused_can_be_closed() -> None:
-    """Gymnasium before 1.3 does so as it is dropped."""
+    """Gymnasium 1.2 does so as it is dropped."""
     ClothVectorEnv.__new__(ClothVectorEnv).close()
 
 

@@ -21,6 +21,7 @@ from cloth_envs.figure.entry import check_entry
 from cloth_envs.figure.motion import read_motion
 from cloth_envs.presets.ball_path import BallPath, to_and_fro
 from cloth_envs.scene import Scene
+from cloth_envs.scenes.derived import derived
 from cloth_envs.scenes.draping import Draping
 from cloth_envs.scenes.hitting import CLIPS, HUNG, Hitting
 from cloth_envs.scenes.skirt import BLEND, Skirt
@@ -56,8 +57,8 @@ class Chen2020(Task):
         number = options["sequence"]
         if number not in range(cls.sequences):
             raise ValueError(f"preset 'chen2020' has the sequences 0 to {cls.sequences - 1}, got {number!r}")
-        made: dict[str, Any] = {"options": options, "sequence": int(number), "__doc__": cls.__doc__}
-        return type(cls.__name__, (cls,), made | cls.of_sequence(int(number)))
+        own: dict[str, Any] = {"options": options, "sequence": int(number)}
+        return derived(cls, cls.__name__, own | cls.of_sequence(int(number)), "with_options", **options)
 
     @classmethod
     def of_sequence(cls, number: int) -> dict[str, Any]:
@@ -207,8 +208,8 @@ class Skirt2020(Skirt):
                 ) from error
             check_entry(motion, 0.5 * BLEND * chosen["tempo"], f"motion {name!r} in {path}")
             check_waistband(motion, f"motion {name!r} in {path}")
-        made = {"options": chosen, "motion": motion, "tempo": chosen["tempo"], "__doc__": cls.__doc__}
-        return type(cls.__name__, (cls,), made | {"sequence": int(chosen["sequence"])})
+        own = {"options": chosen, "motion": motion, "tempo": chosen["tempo"], "sequence": int(chosen["sequence"])}
+        return derived(cls, cls.__name__, own, "with_options", **chosen)
 
     def begin(self, rng: np.random.Generator) -> float:
         if self.sequence < 0:

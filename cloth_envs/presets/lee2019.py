@@ -29,6 +29,7 @@ from cloth_envs.presets.ball_path import BallPath, to_and_fro
 from cloth_envs.scene import Air, Scene
 from cloth_envs.scenes.collision import FREE_STRAIN, GOAL_HIGH, GOAL_LOW, Collision
 from cloth_envs.scenes.curtain import ACCELERATION, APART, SPEED, TARGET, Curtain
+from cloth_envs.scenes.derived import derived
 from cloth_envs.scenes.drives import Drive
 from cloth_envs.scenes.flag import ASIDE, FASTEST, Flag
 from cloth_envs.scenes.task import Episode, Start, Task
@@ -66,8 +67,8 @@ class Lee2019(Task):
                 raise ValueError(f"preset 'lee2019' needs a {name} of 0 or more, got {options[name]!r}")
         if not abs(options.get("wind", 0.0)) <= FASTEST:
             raise ValueError(f"preset 'lee2019' takes a wind of -{FASTEST:g} to {FASTEST:g} m/s")
-        made: dict[str, Any] = {"options": options, "material": sheet(cls, options), "__doc__": cls.__doc__}
-        return type(cls.__name__, (cls,), made)
+        own: dict[str, Any] = {"options": options, "material": sheet(cls, options)}
+        return derived(cls, cls.__name__, own, "with_options", **options)
 
 
 def sheet(task: type[Task], options: Mapping[str, float]) -> Material:

@@ -1,6 +1,6 @@
 """What every scene file fills in: a Task maps actions to controls and states to rewards, batched."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, reduce
@@ -19,6 +19,7 @@ from cloth_envs.naming import REVISED
 from cloth_envs.registry import EPISODE_FRAMES
 from cloth_envs.scene import Scene
 from cloth_envs.scenes import drives, measures
+from cloth_envs.scenes.derived import TaskType, derived
 from cloth_envs.state import Controls, State
 
 # What a task tells agents of its cloth, which moves the same whatever that is.
@@ -91,7 +92,7 @@ class Episode:
         return self.state.velocities.reshape(len(self.action), 3, -1)
 
 
-class Task(ABC):
+class Task(metaclass=TaskType):
     """One scene's task. Every method takes and returns batches, so single and vector environments agree bit for bit.
 
     Batches are NumPy arrays, or tensors where an environment lives on a device: of a copy of the task, then, whose own
@@ -174,11 +175,12 @@ class Task(ABC):
     @cache
     def revised(cls) -> "type[Task]":
         """Version 1 of the task: this class with its ``revision``."""
-        own = {"version": 1, "__module__": cls.__module__, "__doc__": cls.__doc__, **cls.revision}
+        own = {"version": 1, **cls.revision}
         told = own.get("extras", cls.extras)
         own["extras"] = (*(f"last {name}" for name in cls.actions), *cls.ways, *told)
         own["parts"] = (*own.get("parts", cls.parts), "effort")
-        return type(f"{cls.__name__}{REVISED}", (cls,), own)
+        revised: type[Task] = derived(cls, f"{cls.__name__}{REVISED}", own, "revised")
+        return revised
 
     def start(self, rng: np.random.Generator) -> Start:
         """A random start; draws only from ``rng``. A scene has this, or ``draw`` and ``lay``."""
