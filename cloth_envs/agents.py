@@ -9,13 +9,14 @@ from pickle import UnpicklingError
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Box
+from gymnasium.spaces import Dict
 from safetensors import SafetensorError
 from safetensors.numpy import load_file
 
 from cloth_envs.evaluation import Policy
 from cloth_envs.extras import install
 from cloth_envs.naming import resolve, unknown_name
+from cloth_envs.observation import member
 from cloth_envs.policies import CONTROLLERS
 from cloth_envs.registry import load_task
 
@@ -69,13 +70,17 @@ def _shipped(scene: str) -> Policy:
 
 def _of_safetensors(path: str) -> Policy:
     try:
-        return mlp(load_file(path))
+        return _mlp_of(path, load_file(path))
     except SafetensorError as error:
         raise ValueError(f"{path} holds no tensors ({error}): minicloth bench agents --policies writes such") from error
 
 
 def _count(seen: Any) -> int:
     return len(next(iter(seen.values())) if isinstance(seen, dict) else seen)
+
+
+def _shape(seen: Any) -> Any:
+    return {name: part.shape for name, part in seen.items()} if isinstance(seen, dict) else seen.shape
 
 
 def _of_stable_baselines(path: str) -> Policy:
@@ -88,15 +93,25 @@ def _of_stable_baselines(path: str) -> Policy:
             home = json.loads(archive.read("data"))["policy_class"]["__module__"]
     except (KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
         raise ValueError(f"{path} is no model of Stable-Baselines3 ({error})") from error
+    if home.startswith("sb3_contrib"):  # some of which remember something from call to call
+        raise ValueError(f"{path} is a model of sb3_contrib: load it there, and give its predict as module:function")
     kinds = {"sac": "SAC", "td3": "TD3", "dqn": "DQN"}
     algorithm = getattr(stable_baselines3, next((kinds[part] for part in home.split(".") if part in kinds), "PPO"))
     model = algorithm.load(path, device="cpu")
-    if not isinstance(model.observation_space, Box):
-        raise ValueError(
-            f"{path} was not trained on keypoints: load it with Stable-Baselines3 and give its predict to "
-            'cloth_envs.evaluation.play(..., obs="mesh")'
-        )
-    return lambda seen: model.predict(seen, deterministic=True)[0]
+    space: Any = model.observation_space
+    known = _shape(space.spaces if isinstance(space, Dict) else space)
+
+    def act(seen: Any) -> np.ndarray:
+        given = _shape(member(seen, 0))
+        if given != known:
+            raise ValueError(
+                f"{path} reads observations of shape {known}, these have {given}: it was trained in another scene, or "
+                "on others (--obs, --observe-material, --resolution)"
+            )
+        chosen: np.ndarray = model.predict(seen, deterministic=True)[0]
+        return chosen
+
+    return act
 
 
 def _of_torch(path: str) -> Policy:
@@ -112,22 +127,32 @@ def _of_torch(path: str) -> Policy:
     if scripted:
         module = torch.jit.load(path, map_location="cpu").float()
 
-        def act(seen: np.ndarray) -> np.ndarray:
+        def act(seen: Any) -> np.ndarray:
+            tensors = torch.as_tensor
+            given = {name: tensors(part) for name, part in seen.items()} if isinstance(seen, dict) else tensors(seen)
             try:
-                return module(torch.as_tensor(seen)).detach().numpy()
+                chosen: np.ndarray = module(given).detach().numpy()
             except RuntimeError as error:
-                raise ValueError(f"{path} can't read observations of shape {seen.shape}: {error}") from error
+                what = str(error).splitlines()[0]  # values follow
+                raise ValueError(f"{path} can't read observations of shape {_shape(seen)}: {what}") from error
+            return chosen
 
         return act
     try:
-        weights = {
-            name: value.numpy() for name, value in torch.load(path, map_location="cpu", weights_only=True).items()
-        }
+        saved = torch.load(path, map_location="cpu", weights_only=True)
+        weights = {name: value.detach().numpy() for name, value in saved.items()}
     except (AttributeError, UnpicklingError) as error:  # a whole module, or tensors in something else
         raise ValueError(
             f"{path} holds no tensors by name: save as examples/train_ppo.py does, or torch.jit"
         ) from error
-    return mlp(weights)
+    return _mlp_of(path, weights)
+
+
+def _mlp_of(path: str, weights: dict[str, np.ndarray]) -> Policy:
+    try:
+        return mlp(weights)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 def mlp(weights: dict[str, np.ndarray]) -> Policy:
@@ -142,13 +167,15 @@ def mlp(weights: dict[str, np.ndarray]) -> Policy:
     needed = {"mean", "spread", *(f"{layer}.{part}" for layer in layers for part in ("weight", "bias"))}
     if not layers or weights.keys() != needed:
         raise ValueError("a policy's file holds mean, spread, 0.weight, 0.bias, ...; see examples/train_ppo.py")
-    n = size = len(weights["mean"])
+    n = size = weights["mean"].size
     for layer in layers:
         rows = len(weights[f"{layer}.bias"])
         if weights[f"{layer}.weight"].shape != (rows, size):
             shape = weights[f"{layer}.weight"].shape
             raise ValueError(f"{layer}.weight of a policy's file must have shape {(rows, size)}, it has {shape}")
         size = rows
+    if weights["mean"].shape != (n,) or weights["spread"].shape != (n,) or not (weights["spread"] > 0).all():
+        raise ValueError("mean and spread of a policy's file must have one shape (n,), and spread be positive")
 
     def act(seen: np.ndarray) -> np.ndarray:
         if isinstance(seen, dict) or seen.shape[-1] != n:

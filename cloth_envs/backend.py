@@ -155,14 +155,14 @@ def plain_words(options: Mapping[str, Any]) -> dict[str, Any]:
     return plain
 
 
-def read_object(text: str, what: str) -> dict[str, Any]:
-    """A JSON object. Raises ValueError: not JSON, or not an object."""
+def read_object(text: str, what: str, example: str = '{"refine": 2}') -> dict[str, Any]:
+    """A JSON object, such as the ``example``. Raises ValueError: not JSON, or not an object."""
     try:
         value = json.loads(text)
     except json.JSONDecodeError as error:
-        raise ValueError(f"{what} must be JSON such as '{{\"refine\": 2}}', got {text!r} ({error})") from error
+        raise ValueError(f"{what} must be JSON such as '{example}', got {text!r} ({error})") from error
     if not isinstance(value, dict):
-        raise ValueError(f"{what} must be a JSON object such as '{{\"refine\": 2}}', got {text!r}")
+        raise ValueError(f"{what} must be a JSON object such as '{example}', got {text!r}")
     return value
 
 

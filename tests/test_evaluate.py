@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
 import warnings
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,8 @@ import pytest
 import cloth_envs
 from cloth_envs.agents import load_policy, mlp
 from cloth_envs.commands.cli import main
+from cloth_envs.commands.evaluate import evaluate
+from cloth_envs.commands.rollout import rollout
 from cloth_envs.evaluation import ALLOWED, Interval, Played, Verdict, play
 from cloth_envs.policies import CONTROLLERS
 
@@ -191,12 +195,79 @@ def test_files_of_torch_that_do_not_fit_are_refused(tmp_path: Path) -> None:
         policy(seen)
 
 
-def test_a_model_of_meshes_is_refused(tmp_path: Path) -> None:
+def test_models_and_modules_read_meshes_where_they_were_trained_on_them(tmp_path: Path) -> None:
     sb3 = pytest.importorskip("stable_baselines3", reason="needs the extra 'rl'")
     env = gym.make(cloth_envs.env_id("Flag"), resolution=(13, 17), obs="mesh")
-    sb3.PPO("MultiInputPolicy", env, device="cpu").save(tmp_path / "mesh")
-    with pytest.raises(ValueError, match="not trained on keypoints"):
-        load_policy(str(tmp_path / "mesh.zip"), "Flag")
+    model = sb3.PPO("MultiInputPolicy", env, device="cpu")
+    model.save(tmp_path / "mesh")
+    policy = load_policy(str(tmp_path / "mesh.zip"), "Flag")
+    seen, _ = env.reset(seed=0)
+    batch = {name: part[None] for name, part in seen.items()}
+    np.testing.assert_array_equal(policy(batch), model.predict(batch, deterministic=True)[0])
+    with pytest.raises(ValueError, match=r"mesh.zip reads observations of shape .*these have \(128,\)"):
+        policy(np.zeros((1, 128), np.float32))
+    page = _page("Flag", str(tmp_path / "mesh.zip"), obs="mesh")  # beside the controller, which sees keypoints
+    assert "| controller | miniature factor=4 |" in page
+
+
+def test_materials_are_shown_to_whom_was_trained_on_them(tmp_path: Path) -> None:
+    page = _page("Flag", "test_evaluate:of_materials", randomize={"drag": [0.2, 0.8]}, observe_material=True)
+    assert "Both with resolution=(13, 17) randomize={'drag': [0.2, 0.8]} observe_material=True." in page
+    with pytest.raises(AssertionError, match="129"):
+        _page("Flag", "test_evaluate:of_materials", randomize={"drag": (0.2, 0.8)})
+
+
+def of_materials(seen: np.ndarray) -> np.ndarray:
+    assert seen.shape[1] == 129, "keypoints, a property, the task's numbers: 129"
+    return np.zeros((len(seen), 2))
+
+
+def _page(scene: str, policy: str, **options: Any) -> str:
+    physics = ("miniature", {"factor": 4}), ("reference", {})
+    return evaluate(
+        policy, scene, train=physics[0], certify=physics[1], seeds=2, first_seed=0, beside="controller", out=None,
+        frames=2, resolution=(13, 17), **options,
+    )  # fmt: skip
+
+
+def test_files_of_policies_that_cannot_act_are_refused_by_name(tmp_path: Path) -> None:
+    torch = pytest.importorskip("torch", reason="needs the extra 'train'")
+    path = tmp_path / "policy.pt"
+    ours = {"mean": torch.zeros(5), "spread": torch.ones(5), "0.weight": torch.ones(2, 5), "0.bias": torch.zeros(2)}
+    torch.save({name: value.requires_grad_() for name, value in ours.items()}, path)  # as of nn.Parameter
+    assert load_policy(str(path), "Flag")(np.ones((1, 5))).tolist() == [[1, 1]]
+    for wrong in ({"spread": torch.zeros(5)}, {"spread": torch.ones(4)}, {"spread": torch.full((5,), torch.nan)}):
+        torch.save(ours | wrong, path)
+        with pytest.raises(ValueError, match=r"policy.pt: mean and spread .* positive"):
+            load_policy(str(path), "Flag")
+    with zipfile.ZipFile(tmp_path / "lstm.zip", "w") as archive:
+        archive.writestr("data", json.dumps({"policy_class": {"__module__": "sb3_contrib.common.recurrent.policies"}}))
+    with pytest.raises(ValueError, match=r"lstm.zip is a model of sb3_contrib"):
+        load_policy(str(tmp_path / "lstm.zip"), "Flag")
+
+
+def test_rollouts_are_played_by_files_and_functions(tmp_path: Path) -> None:
+    torch = pytest.importorskip("torch", reason="needs the extra 'train'")
+    ours = {
+        "mean": torch.zeros(128),
+        "spread": torch.ones(128),
+        "0.weight": torch.zeros(2, 128),
+        "0.bias": torch.ones(2),
+    }
+    torch.save(ours, tmp_path / "full.pt")
+    told = []
+    for policy in (str(tmp_path / "full.pt"), "test_evaluate:full"):
+        told.append(
+            rollout(
+                "Flag", frames=3, seed=0, policy=policy, video=None, images=None, hdf5=None, strain=False,
+                overwrite=False, resolution=(13, 17),
+            )
+        )  # fmt: skip
+    assert told[0] == told[1]
+    env = gym.make(cloth_envs.env_id("Flag"), resolution=(13, 17))
+    env.reset(seed=0)
+    earned = np.mean([env.step(np.ones(2, np.float32))[1] for _ in range(3)])
+    assert f"mean reward {earned:.3f}" in told[0]
 
 
 def test_the_page(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

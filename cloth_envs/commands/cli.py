@@ -11,6 +11,12 @@ from cloth_envs.commands.parser import parser
 from cloth_envs.extras import CHECKOUT, load, missing
 from cloth_envs.naming import unknown_name
 
+EXAMPLES = {
+    "--material": '{"areal_density": 0.3}',
+    "--preset": '{"name": "lee2019", "mass": 3}',
+    "--randomize": '{"drag": [0.2, 0.8]}',
+}  # of JSON
+
 
 def _list(given: argparse.Namespace) -> str:
     from cloth_envs.commands import listing
@@ -64,7 +70,7 @@ def _evaluate(given: argparse.Namespace) -> str:
     if given.resolution is not None:
         options["resolution"] = read_resolution(given.resolution)
     if given.randomize is not None:
-        options["randomize"] = read_object(given.randomize, "--randomize")
+        options["randomize"] = read_object(given.randomize, "--randomize", EXAMPLES["--randomize"])
     return evaluate(**options, train=physics[0], certify=physics[1])
 
 
@@ -108,7 +114,7 @@ def _named(text: str | None, option: str) -> Any:
     """A fabric's or a preset's name, or a JSON object."""
     from cloth_envs.backend import read_object
 
-    return read_object(text, option) if text and text.lstrip().startswith("{") else text
+    return read_object(text, option, EXAMPLES[option]) if text and text.lstrip().startswith("{") else text
 
 
 RUNS: dict[str, Callable[[argparse.Namespace], str | None]] = {

@@ -4,11 +4,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from cloth_envs.agents import load_policy
+from cloth_envs.agents import LEARNED, NAMED, load_policy
 from cloth_envs.evaluation import Interval, Played, Verdict, play
 from cloth_envs.files import check_file, write_bytes
 from cloth_envs.registry import EPISODE_FRAMES, load_task
 
+OWN = {"obs": "keypoints", "observe_material": False}  # what policies that have a name observe
 Physics = tuple[str, Mapping[str, Any]]
 
 
@@ -18,7 +19,8 @@ def evaluate(
 ) -> str:  # fmt: skip
     """The page as Markdown, which is also written to ``out``; ``beside`` are other policies, by commas.
 
-    ``options`` are those of the world that both have: ``obs``, ``material``, ``randomize`` and so on.
+    ``options`` are those of the world that both have: ``obs``, ``material``, ``randomize`` and so on. Policies by name,
+    such as the controller, observe keypoints whatever others do.
 
     Raises:
         ValueError, ImportError, OSError: a bad name or number, a package that is missing, a file that can't be written.
@@ -33,12 +35,14 @@ def evaluate(
     }  # a random one draws alike on both
     verdicts = {}
     for name, both in policies.items():
+        known = name in (*NAMED, LEARNED)
         played = [
-            play(scene, act, chosen, backend=backend, backend_kwargs=dict(given), **options)
+            play(scene, act, chosen, backend=backend, backend_kwargs=dict(given), **options | (OWN if known else {}))
             for act, (backend, given) in zip(both, (train, certify), strict=True)
         ]
         verdicts[name] = Verdict(*played)
-    text = page(policy, scene, verdicts, [_line(*train), _line(*certify)], chosen, options.get("frames"))
+    frames, own = options.pop("frames", None), {n: value for n, value in options.items() if value != OWN.get(n)}
+    text = page(policy, scene, verdicts, [_line(*train), _line(*certify)], chosen, frames, _line("", own).strip())
     if out is not None:
         write_bytes(Path(out), text.encode())
     return text + (f"\nwrote {out}" if out else "")
@@ -49,9 +53,10 @@ def _line(backend: str, options: Mapping[str, Any]) -> str:
 
 
 def page(
-    policy: str, scene: str, verdicts: Mapping[str, Verdict], physics: list[str], seeds: range, frames: int | None
-) -> str:
-    """Tables of what was earned, of gaps and of failures, and what to beware of."""
+    policy: str, scene: str, verdicts: Mapping[str, Verdict], physics: list[str], seeds: range, frames: int | None,
+    options: str = "",
+) -> str:  # fmt: skip
+    """Tables of what was earned, of gaps and of failures, and what to beware of; ``options`` are those of both."""
     verdict, own, true = verdicts[policy], *physics
     others = {name: other for name, other in verdicts.items() if name != policy}
     lines = [
@@ -59,7 +64,7 @@ def page(
         "",
         f"Trained on {own}, certified on {true}: seeds {seeds[0]} to {seeds[-1]} on both, episodes of "
         f"{frames or EPISODE_FRAMES[scene]} frames. Means over seeds, ± half of a 95 % interval; failed: in brackets "
-        "what their share is surely below (95 %).",
+        f"what their share is surely below (95 %).{f' Both with {options}.' if options else ''}",
         "",
         "| policy | physics | reward a frame | last second | success at end | failed | change of action | at a bound |",
         "|---|---|---|---|---|---|---|---|",

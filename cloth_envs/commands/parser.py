@@ -55,7 +55,8 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> Pa
     sub = command("rollout", "Simulate one episode; draw it, record it.")
     _episode(
         sub,
-        "zero, random, smooth (default), bang-bang, controller (the scene's, by hand) or ppo (a network, for -v1)",
+        "zero, random, smooth (default), bang-bang, controller (the scene's, by hand), ppo (a network, for -v1), or as "
+        "of `minicloth evaluate` module:function or a file, which sees keypoints",
     )
     sub.add_argument("--frames", type=_at_least(1), help="default: the scene's episode")
     sub.add_argument(
@@ -125,6 +126,7 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> Pa
     sub.add_argument("--obs", default="keypoints", help="what policies see: keypoints (default) or mesh")
     sub.add_argument("--material", help="a fabric's name, or JSON such as '{\"areal_density\": 0.3}'")
     sub.add_argument("--randomize", metavar="JSON", help="ranges of the material, such as '{\"drag\": [0.2, 0.8]}'")
+    sub.add_argument("--observe-material", action="store_true", help="policies see what --randomize draws")
     sub.add_argument("--resolution", metavar="ROWSxCOLS", help="of the grid, at equal size and material")
     sub.add_argument("--preset", help='a paper\'s set-up by name, or JSON: \'{"name": "lee2019", "mass": 3}\'')
     sub.add_argument("--out", metavar="OUT.md", help="the page as a file too")

@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from cloth_envs.agents import LEARNED, load_policy
+from cloth_envs.agents import FILES, LEARNED, load_policy
 from cloth_envs.commands.outputs import Goal, check_pictures, planned, write_pictures
 from cloth_envs.files import check_file
 from cloth_envs.naming import counted, unknown_name
@@ -16,7 +16,7 @@ from cloth_envs.progress import announce, progress
 from cloth_envs.recording import RecordRollout, Rollout
 from cloth_envs.registry import EPISODE_FRAMES, env_id, load_task
 
-SEEING = ("controller", LEARNED)  # policies that act on what they observe
+SEEING = ("controller", LEARNED)  # policies by name that act on what they observe
 
 
 def rollout(
@@ -44,9 +44,10 @@ def rollout(
     """
     task = load_task(scene)
     frames = EPISODE_FRAMES[scene] if frames is None else frames
-    if policy not in (*POLICIES, *SEEING):
-        raise unknown_name("policy", policy, (*POLICIES, *SEEING))
-    seeing = load_policy(policy, scene) if policy in SEEING else None
+    named = (*POLICIES, *SEEING)
+    if policy not in named and ":" not in policy and Path(policy).suffix not in FILES:
+        raise unknown_name("policy (or module:function, .zip, .pt, .safetensors):", policy, named)
+    seeing = None if policy in POLICIES else load_policy(policy, scene)
     planned_actions = open_loop("zero" if seeing else policy, frames, len(task.actions), task.frame_dt, seed)
     check_pictures(video, images)
     if hdf5 is not None and Path(hdf5).exists() and not overwrite:
@@ -74,7 +75,7 @@ def rollout(
             goals.append(_goal(cloth, goal, {} if caption else None))
         total, failure, info = 0.0, None, dict[str, Any]()
         for action in progress(planned_actions.astype("f4"), scene, frames, unit="frame"):
-            chosen = np.clip(seeing(seen), -1, 1).astype("f4") if seeing else action
+            chosen = np.clip(seeing(seen[None])[0], -1, 1).astype("f4") if seeing else action
             seen, reward, terminated, _, info = env.step(chosen)
             total += float(reward)
             if drawn:
