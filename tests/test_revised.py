@@ -162,6 +162,17 @@ def test_classes_that_are_made_by_a_call_are_pickled(pickler: Any) -> None:
         assert type(again).__module__ == type(made).__module__ != "abc"
 
 
+@pytest.mark.parametrize("version", ["", "-v1"])
+@scenes
+def test_the_docstring_tells_parts_and_extras_of_its_own_version(scene: str, version: str) -> None:
+    task = load_task(scene + version)
+    text = " ".join((task.__doc__ or "").split())
+    assert f"On every step: {', '.join(f'`reward_{part}`' for part in task.parts)}, whose" in text
+    assert f"The extras, in order: {', '.join(task.extras)}." in text
+    assert f"is at least {task.enough:g};" in text
+    assert ("every part but" in text) == bool(version)
+
+
 def test_both_versions_have_names_ids_and_episodes() -> None:
     assert list(EPISODE_FRAMES) == [*SCENES, *(f"{name}-v1" for name in SCENES)]
     assert cloth_envs.env_id("Flag") == "MiniCloth-Flag-v0"

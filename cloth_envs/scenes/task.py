@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, reduce
 from inspect import cleandoc
 from operator import mul
+from textwrap import fill
 from typing import Any, ClassVar
 
 import numpy as np
@@ -112,6 +113,7 @@ class Task(metaclass=TaskType):
     ways: ClassVar[tuple[str, ...]] = ()  # names of what ``way`` gives
     version: ClassVar[int] = 0  # of the task; from 1 on effort is priced, last actions and ``ways`` are told
     revision: ClassVar[Mapping[str, Any]] = {}  # what version 1 has in the place of this class's attributes
+    written: ClassVar[str]  # of the docstring, what is the scene's own
     material: ClassVar[Material] = Material()
     max_strain: ClassVar[float] = MAX_STRAIN  # of an edge, at which an episode ends as overstretched
     drive: drives.Drive  # what the action moves, in scenes where it moves something
@@ -180,6 +182,8 @@ class Task(metaclass=TaskType):
         own["extras"] = (*(f"last {name}" for name in cls.actions), *cls.ways, *told)
         own["parts"] = (*own.get("parts", cls.parts), "effort")
         revised: type[Task] = derived(cls, f"{cls.__name__}{REVISED}", own, "revised")
+        if "written" in vars(cls):
+            revised.__doc__ = _page(revised)
         return revised
 
     def start(self, rng: np.random.Generator) -> Start:
@@ -322,17 +326,27 @@ def stacked(drawn: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
 
 def documented(task: type[Task]) -> type[Task]:
     """Add to a scene's docstring what is told of every one."""
-    n, own = EPISODE_FRAMES[task.__name__], cleandoc(task.__doc__ or "")
-    told = ", ".join(f"`reward_{part}`" for part in task.parts)
-    own = own.replace("\n\n## Rewards", '\n`obs="mesh"`: the geometry image and the same extras.\n\n## Rewards')
-    task.__doc__ = f"""{own}
+    task.written = cleandoc(task.__doc__ or "")
+    task.__doc__ = _page(task)
+    return task
+
+
+def _page(task: type[Task]) -> str:
+    """The docstring of a scene, or of its revision."""
+    n, name = EPISODE_FRAMES[task.__name__], task.__name__.removesuffix(REVISED)
+    parts = ", ".join(f"`reward_{part}`" for part in task.parts)
+    every = "every part but `reward_effort`" if task.version else "every part"
+    told = fill(f"The extras, in order: {', '.join(task.extras)}.", 115)
+    mesh = '`obs="mesh"`: the geometry image and the same extras.'
+    own = task.written.replace("\n\n## Rewards", f"\n{mesh}\n{told}\n\n## Rewards")
+    return f"""{own}
 
 ## Episode End
 Truncated after {n} frames ({n * task.frame_dt:g} s). Terminated when the simulation fails (`info["failure"]`).
 
 ## Info
-On every step: {told}, whose product is the reward; `distance`, {task.away}; `success`,
-whether every part is at least {task.enough:g}; `strain`, the largest of an edge; `change`, the mean absolute change of
+On every step: {parts}, whose product is the reward; `distance`, {task.away}; `success`,
+whether {every} is at least {task.enough:g}; `strain`, the largest of an edge; `change`, the mean absolute change of
 the action's components since the frame before. More is in docs/using.md.
 
 ## Arguments
@@ -341,7 +355,6 @@ the action's components since the frame before. More is in docs/using.md.
 
 ## Version History
 v0: first version.
-v1: `MiniCloth-{task.__name__}-v1`, what *Version 1* says above, and as in all scenes: before the extras are the last
+v1: `MiniCloth-{name}-v1`, what *Version 1* says above, and as in all scenes: before the extras are the last
 action and what is left to do; the reward is multiplied by `reward_effort`, 1 - `change` / 2, which success leaves
 out."""
-    return task
