@@ -1,5 +1,7 @@
 """One cloth as callers see it, of a single environment or a batch, and what Gymnasium calls in each of a batch."""
 
+from abc import abstractmethod
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -81,7 +83,7 @@ class Member(OneCloth):
 
     @property
     def np_random(self) -> np.random.Generator:
-        """What draws the next start."""
+        """What draws the next start. Setting it raises ValueError: no generator of NumPy."""
         return self._env.np_random[self._index]
 
     @np_random.setter
@@ -124,9 +126,18 @@ class Member(OneCloth):
 
 
 class Members:
-    """What Gymnasium's own vector environments offer of the single ones in them, here of ``members``."""
+    """What Gymnasium's own vector environments offer of the single ones in them."""
 
-    members: list[Member]
+    num_envs: int
+
+    @abstractmethod
+    def set_state(self, state: dict[str, np.ndarray], member: int | Sequence[int] | None = None) -> None:
+        """See ``ClothVectorEnv``."""
+
+    @property
+    def members(self) -> list[Member]:
+        """One each, made as they are asked for: an environment that held them would outlive its last user."""
+        return [Member(self, i) for i in range(self.num_envs)]  # type: ignore[arg-type]
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """What a method of a single environment gives for each member, or what it is, if it is no method.
@@ -135,6 +146,9 @@ class Members:
             AttributeError: members have no such thing.
         """
         self._check(name)
+        if name == "set_state":  # of all at once, which takes the time of one
+            self.set_state(*args, **kwargs | {"member": range(self.num_envs)})
+            return (None,) * self.num_envs
         found = [getattr(member, name) for member in self.members]
         return tuple(each(*args, **kwargs) if callable(each) else each for each in found)
 
@@ -149,10 +163,10 @@ class Members:
             AttributeError: members have no such thing, or it can't be set. ValueError: not one entry for each.
         """
         self._check(name)
-        each = values if isinstance(values, (list, tuple)) else [values] * len(self.members)
-        if getattr(Member, name).fset is None:
+        if getattr(getattr(Member, name), "fset", None) is None:
             raise AttributeError(f"{name} of members can't be set, np_random can")
-        for member, value in zip(self.members, per_member(name, each, len(self.members)), strict=True):
+        each = values if isinstance(values, (list, tuple)) else [values] * self.num_envs
+        for member, value in zip(self.members, per_member(name, each, self.num_envs), strict=True):
             setattr(member, name, value)
 
     def _check(self, name: str) -> None:

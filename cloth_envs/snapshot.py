@@ -1,7 +1,7 @@
 """What ``get_state`` saves, and the checks that a saved state passes before anything of an environment changes."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -15,6 +15,8 @@ from cloth_envs.state import State
 LIMIT = 1e6  # m, m/s, Pa: numbers of a state or a task beyond it are no cloth's
 OWN = "backend."  # before the names of what a backend remembers
 ALIKE = ("action", "frames", "last_second")  # of a snapshot, an array with a row a member each
+# Of a member: what names of what its backend remembers begin with, and which row of that is its own.
+Place = Callable[[int], tuple[str, int]]
 
 
 @dataclass
@@ -99,8 +101,9 @@ class Snapshot:
             rngs=[_generator(text) or old for text, old in zip(texts.tolist(), self.rngs, strict=True)],
         )
 
-    def alone(self, i: int, start: str, row: int) -> "Snapshot":
-        """That of member ``i``, as of a single environment: of ``own``, ``row`` of names that begin with ``start``."""
+    def alone(self, i: int, place: Place) -> "Snapshot":
+        """That of member ``i`` as of a single environment."""
+        start, row = place(i)
         own = {name.removeprefix(start): value for name, value in self.own.items() if name.startswith(start)}
         return replace(
             self,
@@ -112,25 +115,32 @@ class Snapshot:
             **{name: getattr(self, name)[[i]] for name in ALIKE},
         )
 
-    def put(self, i: int, start: str, row: int, other: "Snapshot") -> "Snapshot":
-        """A copy whose member ``i`` is that of ``other``, as ``alone`` gives it."""
+    def put(self, others: Mapping[int, "Snapshot"], place: Place) -> "Snapshot":
+        """A copy with ``others``, as ``alone`` gives them, as members by number."""
         new = replace(
             self,
             state=self.state.select(slice(None)),
             memory={name: value.copy() for name, value in self.memory.items()},
             own={name: value.copy() for name, value in self.own.items()},
-            materials=[*self.materials[:i], *other.materials, *self.materials[i + 1 :]],
-            rngs=[*self.rngs[:i], *other.rngs, *self.rngs[i + 1 :]],
+            materials=list(self.materials),
+            rngs=list(self.rngs),
             **{name: getattr(self, name).copy() for name in ALIKE},
         )
-        new.state.assign([i], other.state)
-        for name, value in other.own.items():
-            new.own[start + name][row] = value[0]
-        for name, value in other.memory.items():
-            new.memory[name][i] = value[0]
-        for name in ALIKE:
-            getattr(new, name)[i] = getattr(other, name)[0]
+        for i, other in others.items():
+            new.state.assign([i], other.state)
+            new.recall(i, other.own, place)
+            for name, value in other.memory.items():
+                new.memory[name][i] = value[0]
+            for name in ALIKE:
+                getattr(new, name)[i] = getattr(other, name)[0]
+            new.materials[i], new.rngs[i] = other.materials[0], other.rngs[0]
         return new
+
+    def recall(self, i: int, own: Mapping[str, np.ndarray], place: Place) -> None:
+        """Let the backend have remembered ``own``, ``(1, ...)`` each, of member ``i``."""
+        start, row = place(i)
+        for name, value in own.items():
+            self.own[start + name][row] = value[0]
 
     def _identity(self) -> str:
         """What must be equal where a state is taken back, whatever the material; JSON."""

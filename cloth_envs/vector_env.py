@@ -14,6 +14,7 @@ from gymnasium.vector.utils import batch_space
 
 from cloth_envs import folds
 from cloth_envs.arguments import (
+    as_items,
     as_whole,
     check_mask,
     check_reset_options,
@@ -24,7 +25,7 @@ from cloth_envs.arguments import (
 )
 from cloth_envs.backend import device_of, keywords, plain_words
 from cloth_envs.choice import Choice, as_lists, choices
-from cloth_envs.members import Member, Members
+from cloth_envs.members import Members
 from cloth_envs.naming import counted
 from cloth_envs.observation import member
 from cloth_envs.options import check_options
@@ -119,7 +120,6 @@ class ClothVectorEnv(Members, VectorEnv[Any, Any, np.ndarray]):
         self._ended = np.zeros(num_envs, bool)
         self._ahead = np.zeros(num_envs, np.int64)  # frames by which an episode is shorter than the limit
         self._seeds: list[int | None] = [None] * num_envs
-        self.members = [Member(self, i) for i in range(num_envs)]
 
     def __repr__(self) -> str:
         return f"<ClothVectorEnv {self.world.title}, {counted(self.num_envs, 'environment')}, {self.world.progress}>"
@@ -310,27 +310,38 @@ class ClothVectorEnv(Members, VectorEnv[Any, Any, np.ndarray]):
         return tuple(-1 if seed is None else seed for _, seed in zip(self.np_random, self._seeds, strict=True))
 
     def draw_by(self, rng: np.random.Generator, member: int) -> None:
-        """Let ``rng`` draw the next starts of a member."""
+        """Let ``rng`` draw the next starts of a member. Raises ValueError: it is no generator."""
+        if not isinstance(rng, np.random.Generator):
+            raise ValueError(f"np_random must be a generator, such as numpy.random.default_rng(0), got {rng!r}")
         self.world.rngs[member], self._seeds[member] = rng, None
 
     def get_state(self, member: int | None = None) -> dict[str, np.ndarray]:
         """Everything that decides the future, as arrays; see ``ClothEnv.get_state``.
 
         That of one ``member`` is a single environment's, which goes on from it too.
-        """
-        if member is not None:
-            return self.world.get_state(member)
-        return {**self.world.get_state(), "ended": self._ended.copy(), "ahead": self._ahead.copy()}
-
-    def set_state(self, state: dict[str, np.ndarray], member: int | None = None) -> None:
-        """Continue from what ``get_state`` gave, bit for bit; with one ``member`` from a single environment's state.
 
         Raises:
-            ValueError: see ``World.set_state``; nothing has changed.
+            ValueError: there is no such member.
         """
         if member is not None:
-            self.world.set_state(state, member)
-            self._ended[member], self._ahead[member], self._seeds[member] = False, 0, None
+            return self.world.get_state(self._index(member))
+        return {**self.world.get_state(), "ended": self._ended.copy(), "ahead": self._ahead.copy()}
+
+    def set_state(self, state: dict[str, np.ndarray], member: int | Sequence[int] | None = None) -> None:
+        """Continue from what ``get_state`` gave, bit for bit.
+
+        With a ``member``, or several, only they go on, from a single environment's state.
+
+        Raises:
+            ValueError: see ``World.set_state``, or there is no such member; nothing has changed.
+        """
+        if member is not None:
+            items = as_items(member)
+            which = [self._index(i) for i in ([member] if items is None else items)]
+            self.world.set_state(state, which)
+            self._ended[which], self._ahead[which] = False, 0
+            for i in which:
+                self._seeds[i] = None
             return
         lacks = [name for name in OWN if not isinstance(state, Mapping) or name not in state]
         if lacks:
@@ -341,6 +352,12 @@ class ClothVectorEnv(Members, VectorEnv[Any, Any, np.ndarray]):
         self._ended, self._ahead, self._seeds = ended, ahead, [None] * self.num_envs
         if self._starts is None and self.render_mode is not None:
             self._starts = self.world.read_only().select(slice(DRAWN))
+
+    def _index(self, member: object) -> int:
+        index = as_whole(member)
+        if index is None or not 0 <= index < self.num_envs:
+            raise ValueError(f"member must be a whole number of 0 to {self.num_envs - 1}, got {member!r}")
+        return index
 
 
 def _on_its_device(world: World) -> World:

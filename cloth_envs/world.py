@@ -385,14 +385,14 @@ class World:
     def get_state(self, member: int | None = None) -> dict[str, np.ndarray]:
         """See ``ClothEnv.get_state``; of one ``member``, as a single environment has it."""
         now = self._now()
-        return (now if member is None else now.alone(member, *self.backend_of(member))).arrays()
+        return (now if member is None else now.alone(member, self._place_of)).arrays()
 
-    def backend_of(self, member: int) -> tuple[str, int]:
-        """What the names of what its backend remembers begin with, and which row of that is the member's."""
+    def _place_of(self, member: int) -> tuple[str, int]:
+        """See ``snapshot.Place``."""
         return self.backend.place(member) if isinstance(self.backend, MixedBackend) else ("", member)
 
-    def set_state(self, saved: Mapping[str, np.ndarray], member: int | None = None) -> None:
-        """Continue from what ``get_state`` gave, bit for bit on the same backend; with one ``member``, if it is named.
+    def set_state(self, saved: Mapping[str, np.ndarray], members: Sequence[int] | None = None) -> None:
+        """Continue from what ``get_state`` gave, bit for bit on the same backend; ``members`` from that of one.
 
         Another backend continues from the same positions, velocities, bodies, goals and generators; what
         the saved one remembered beyond them is left out then.
@@ -402,18 +402,17 @@ class World:
                 preset, resolution, self_contact or number of environments, or its material can't be stepped; nothing
                 has changed.
         """
-        started = self.started
-        if not started and member is None:  # what a state must hold is told by one
+        trial = not self.started and members is None
+        if trial:  # what a state must hold is told by one
             self.reset({i: np.random.default_rng(0) for i in range(self.num_envs)})
         try:
-            now, (start, row) = self._now(), self.backend_of(member or 0)
-            alone = now if member is None else now.alone(member, start, row)
-            found = alone.other(saved)
-            snapshot = found if member is None else now.put(member, start, row, found)
+            now = self._now()
+            alone = {i: now.alone(i, self._place_of).other(saved) for i in members or ()}
+            snapshot = now.other(saved) if members is None else now.put(alone, self._place_of)
             for material in set(snapshot.materials):
                 check_material(self.backend, material)
         except BaseException:
-            if not started:
+            if trial:
                 self._episode, self.rngs = None, [None] * self.num_envs
             raise
         self.frames, self.materials, self.rngs = snapshot.frames, snapshot.materials, snapshot.rngs
@@ -421,10 +420,10 @@ class World:
         self._last_second.extend(self._there(rewards) for rewards in snapshot.last_second.T)
         self._vary(range(self.num_envs))
         self._place(range(self.num_envs), snapshot.state, snapshot.memory)
-        if member is not None and not found.own:  # what was remembered of the member is of another cloth
-            for name, value in self.backend.memory.items():
-                if name.startswith(start):
-                    snapshot.own[name][row] = value[row]
+        forgotten = [i for i, other in alone.items() if not other.own]  # what was remembered is of another cloth
+        fresh = self._now() if forgotten else now
+        for i in forgotten:
+            snapshot.recall(i, fresh.alone(i, self._place_of).own, self._place_of)
         if snapshot.own:
             self.backend.recall(snapshot.own)
             self.episode.state = self.backend.state

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import copy
+import gc
+import weakref
 from typing import Any
 
 import gymnasium as gym
@@ -51,10 +53,31 @@ def test_what_members_lack_is_named() -> None:
         env.set_attr("task", None)
     with pytest.raises(ValueError, match="2 for 3 environments"):
         env.set_attr("np_random", [1, 2])
+    with pytest.raises(AttributeError, match="describe of members can't be set"):
+        env.set_attr("describe", None)
+    with pytest.raises(ValueError, match=r"numpy.random.default_rng\(0\), got 1"):
+        env.set_attr("np_random", 1)
+    with pytest.raises(ValueError, match="of 0 to 2, got -1"):
+        env.unwrapped.get_state(member=-1)
+    with pytest.raises(ValueError, match="of 0 to 2, got 3"):
+        env.unwrapped.set_state({}, member=3)
     with pytest.raises(RuntimeError, match="call reset"):
         env.get_attr("positions")
     with pytest.raises(RuntimeError, match="call reset"):
         env.call("get_state")
+
+
+def test_asking_members_keeps_no_environment() -> None:
+    env = vector().unwrapped
+    env.reset(seed=0)
+    env.get_attr("positions")
+    gone = weakref.ref(env)
+    gc.disable()
+    try:
+        del env
+        assert gone() is None
+    finally:
+        gc.enable()
 
 
 def test_generators_can_be_given() -> None:
@@ -125,6 +148,10 @@ def test_all_members_may_go_on_from_one_state() -> None:
     one.reset(seed=8)
     one.step(np.ones(2, np.float32))
     many.call("set_state", one.unwrapped.get_state())
+    also = vector()
+    also.reset(seed=2)
+    also.unwrapped.set_state(one.unwrapped.get_state(), member=[0, 2])
+    assert [(a == one.unwrapped.positions).all() for a in also.get_attr("positions")] == [True, False, True]
     observation, rewards, *_ = many.step(np.zeros((N, 2), np.float32))
     alone, reward, *_ = one.step(np.zeros(2, np.float32))
     assert np.array_equal(observation, np.stack([alone] * N))
