@@ -12,10 +12,12 @@ import pytest
 
 import cloth_envs
 from cloth_envs import EPISODE_FRAMES
+from cloth_envs.commands.outputs import fixed_camera
 from cloth_envs.commands.rollout import rollout
-from cloth_envs.marks import Mark
+from cloth_envs.marks import Mark, ghost
 from cloth_envs.presets import PRESETS
 from cloth_envs.rendering import Renderer
+from cloth_envs.rendering.framing import VIEW_ANGLE
 from cloth_envs.world import World
 
 SMALL: dict[str, Any] = {"resolution": (13, 17), "disable_env_checker": True, "render_mode": "rgb_array"}
@@ -126,6 +128,22 @@ def test_a_caption_tells_reward_and_success(tmp_path: Path) -> None:
     pictures = [imageio.imread(tmp_path / name / "frame_00001.png") for name in ("True", "False")]
     lower = [picture[-34:].astype(int) for picture in pictures]
     assert (lower[0].max(2) < 90).sum() > 100 > (lower[1].max(2) < 90).sum()  # letters
+
+
+def test_a_goal_is_inside_the_pictures_of_a_rollout() -> None:
+    """Above the caption, as what the cloth does is; a ghost with its radius."""
+    world = World("Hanging", resolution=(13, 17))
+    world.reset({0: np.random.default_rng(0)})
+    goal, radius, below = np.array([2.0, 1.0, -2.0]), 0.3, 0.1
+    marks = [ghost(goal, radius)]
+    camera = fixed_camera(world.scene, [[world.state]], aspect=4 / 3, below=below, marks=marks)
+    towards = camera.towards / np.linalg.norm(camera.towards)
+    right = np.cross(camera.up, towards)
+    seen = goal + radius * np.array([[0, 0, 0], right, -right, camera.up, np.negative(camera.up)]) - camera.position
+    tall = np.tan(np.deg2rad(VIEW_ANGLE / 2)) * -(seen @ towards)
+    assert (abs(seen @ right) <= 4 / 3 * tall).all()
+    assert (seen @ np.array(camera.up) <= tall).all()
+    assert (seen @ np.array(camera.up) >= (2 * below - 1) * tall).all()
 
 
 def test_the_longest_caption_fits(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import State
 
 ENDED = "ffmpeg ended before the last picture"
+AROUND = np.concatenate([np.eye(3), -np.eye(3)])  # of a ball of radius 1, six points
 
 
 def import_imageio() -> ModuleType:
@@ -96,7 +97,7 @@ def check_pictures(video: str | None, images: str | None) -> None:
 
 @dataclass(frozen=True)
 class Goal:
-    """What a picture shows of the goal: its ``marks``, whether it is ``met``, and a line of text under it, or none."""
+    """What a picture shows of the goal: its ``marks``, whether it is ``met``, and two lines of text under it, or none."""
 
     marks: Sequence[Mark] = ()
     met: bool = False
@@ -127,7 +128,9 @@ def write_pictures(
     with ExitStack() as stack:
         goals = goals or [Goal()] * len(states)
         captions = None if goals[0].words is None else [goals[0].words]
-        camera = fixed_camera(scene, [states], aspect=4 / 3, below=0.0 if captions is None else CAPTION_HEIGHT / 480)
+        below = 0.0 if captions is None else CAPTION_HEIGHT / 480
+        marks = [mark for goal in goals[:: max(1, len(goals) // 40)] for mark in goal.marks]
+        camera = fixed_camera(scene, [states], aspect=4 / 3, below=below, marks=marks)
         renderer = Renderer(scene, color="strain" if strain else "fabric", camera=camera, captions=captions)
         stack.callback(renderer.close)
         add = None if video is None else stack.enter_context(open_video(Path(video), 1 / scene.frame_dt))
@@ -150,8 +153,10 @@ def as_png(picture: np.ndarray) -> bytes:
     return content.getvalue()
 
 
-def fixed_camera(scene: Scene, runs: Sequence[Sequence[State]], *, aspect: float, below: float = 0.0) -> Camera:
-    """A camera that shows all of ``runs`` from start to end, each at a resolution of its own.
+def fixed_camera(
+    scene: Scene, runs: Sequence[Sequence[State]], *, aspect: float, below: float = 0.0, marks: Sequence[Mark] = ()
+) -> Camera:
+    """A camera that shows all of ``runs`` from start to end, each at a resolution of its own, and ``marks``.
 
     ``aspect`` is the picture's width over its height; ``below`` the share of the height to keep free under them.
     """
@@ -164,7 +169,9 @@ def fixed_camera(scene: Scene, runs: Sequence[Sequence[State]], *, aspect: float
             points.append(state.positions[0].reshape(3, -1).T[lattice])
             points.append(np.array([[*framing.anchor(own, state, 0)[:2], ground]]))
             for body, ends in zip(scene.colliders, state.colliders[0], strict=True):
-                around = body.radius * np.concatenate([np.eye(3), -np.eye(3)])
-                points += [end + around for end in ends if body.radius]
+                points += [end + body.radius * AROUND for end in ends if body.radius]
+    for mark in marks:
+        if mark.kind != "onlooker":
+            points += [mark.points + mark.radius * side for side in AROUND]
     towards = framing.direction(scene, runs[0][0])
     return framing.fit(np.concatenate(points).astype(float), towards, aspect, below)
