@@ -97,7 +97,7 @@ def check_pictures(video: str | None, images: str | None) -> None:
 
 @dataclass(frozen=True)
 class Goal:
-    """What a picture shows of the goal: its ``marks``, whether it is ``met``, and two lines of text under it, or none."""
+    """What a picture shows of the goal: its ``marks``, whether it is ``met``, and two lines under it, or none."""
 
     marks: Sequence[Mark] = ()
     met: bool = False
