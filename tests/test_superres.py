@@ -22,6 +22,7 @@ from cloth_envs.scene import Collider, Scene
 from cloth_envs.scenes.starts import rotation
 from cloth_envs.state import State
 from cloth_envs.world import World
+from surrogates.checkpoint import load
 from surrogates.superres.features import (
     CHANNELS,
     FRAMES,
@@ -39,7 +40,8 @@ from surrogates.superres.refine import smoothed
 from training.fit import Kept
 from training.metrics import detail as metrics
 from training.rows import read_rows
-from training.superres import published
+from training.superres import published, restarts
+from training.superres import train as train_mfsr
 from training.superres.convergence import CONVERGENCE, FEATURES, ConvergenceRow
 from training.superres.detail import Detail, Mirrored, Net, Recipe, coarse_modes, ridge, tiles, train
 from training.superres.frames import Aligned, Frames, frames_of
@@ -310,6 +312,31 @@ def test_a_small_training_beats_interpolation_where_it_was_not_trained() -> None
     with torch.no_grad():
         found = unseen(net, torch.tensor([12])).numpy()
     np.testing.assert_allclose(up.positions(past), found, atol=1e-5)
+
+
+def test_a_closures_cloths_that_start_again_teach_what_they_lack(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A coarse run is a past frame, the truth at its start, and what becomes of that; what is trained is kept."""
+    monkeypatch.setattr(restarts, "SEEDS", (range(1000, 1004), range(200, 201)))
+    given = ["--scenes", "Collision", "--steps", "60", "--width", "8", "--layers", "2"]
+    given += ["--out", str(tmp_path), "--cache", str(tmp_path / "cache")]
+    assert train_mfsr.main(given) == 0
+    card = load("mfsr_collision", tmp_path).card["factors"]["4"]
+    told = card["errors of unseen sequences"]
+    assert told["mfsr"]["rms"] < 0.98 * told["bicubic"]["rms"], told
+    assert (card["fitted on"]["scaling"], card["fitted on"]["self_contact"]) == ("closure", False)
+    scene = World("Collision").scene
+    found = restarts.simulate("Collision", [1000])
+    frames, around_them = restarts.frames_of(scene, found)
+    assert frames.run.tolist() == [run for run in range(7) for _ in range(8)]
+    assert around_them.held[0].sum() == len(restarts.coarse_cloth(scene).scene.handles)
+    start = slice(1, None, 8)
+    np.testing.assert_allclose(found["coarse"][start], found["fine"][start][..., ::4, ::4], atol=1e-6)
+    assert np.abs(found["coarse"][2::8] - found["fine"][2::8][..., ::4, ::4]).max() > 1e-4
+    first = (tmp_path / "mfsr_collision.safetensors").stat().st_mtime_ns
+    assert train_mfsr.main(given) == 0
+    assert (tmp_path / "mfsr_collision.safetensors").stat().st_mtime_ns == first
 
 
 @BOTH

@@ -1,8 +1,8 @@
 """The backend ``"mfsr"``: super-resolved cloth (after Chen et al. 2020), coarse physics and detail from a network.
 
-It is a miniature at factor 4 whose upscaler is the network, for all else is the same: the coarse cloth in its own
-material that keeps out of itself and of bodies, fine ones computed when they are read, handles, folds drawn out of each
-other, what is remembered.
+It is a miniature at factor 4 whose upscaler is the network, for all else is the same: the coarse cloth, of the material
+that the network was trained with, its own or the closure's, fine ones computed when they are read, handles, folds drawn
+out of each other, what is remembered.
 """
 
 from collections.abc import Mapping
@@ -14,11 +14,12 @@ from cloth_envs.registry import SCENES
 from cloth_envs.scene import Scene
 from surrogates.checkpoint import Checkpoint
 from surrogates.miniature.backend import MiniatureBackend
+from surrogates.miniature.choice import closure_card
 from surrogates.miniature.coarse import coarse_grid
 from surrogates.superres.features import SCALE
 from surrogates.superres.network import divides, fitted_on, shipped
 
-SOLVER = "explicit"  # of the coarse cloth in training, with self-contact
+SOLVER = "explicit"  # of the coarse cloth in training, with self-contact where the scene has it
 SPACING = 1.3  # times larger or smaller than in training that a side of a coarse cell may be
 
 
@@ -51,13 +52,16 @@ class MfsrBackend(MiniatureBackend):
         strict: bool = False,
     ) -> None:
         self._weights = shipped(scene.name, coarse_grid(scene.grid, SCALE)) if scene.name in SCENES else None
-        self._lacks, self._other = lacks(scene, self._weights), physics_beyond(scene, solver)
+        self._lacks, self._other, scaling = lacks(scene, self._weights, solver), "", "similar"
+        if self._weights is not None and not self._lacks:
+            trained = fitted_on(self._weights)
+            self._other, scaling = physics_beyond(scene, solver, trained["self_contact"]), trained["scaling"]
         why = self.beyond(scene.material)
         if true_or_false("strict", strict) and why:
             instead = "interpolation" if self._lacks else "the network as it is"
             raise ValueError(f"strict=True: {why}: leave strict out for {instead}, or use the reference")
         super().__init__(
-            scene, num_envs=num_envs, factor=SCALE, scaling="similar", upscaler="bicubic" if self._lacks else "mfsr",
+            scene, num_envs=num_envs, factor=SCALE, scaling=scaling, upscaler="bicubic" if self._lacks else "mfsr",
             mend=False, guard=guard, threads=threads, solver=solver, solver_kwargs=solver_kwargs, strict=strict,
         )  # fmt: skip
 
@@ -71,8 +75,8 @@ class MfsrBackend(MiniatureBackend):
         return ", ".join([*other[:2], *filter(None, [self._other])])
 
 
-def lacks(scene: Scene, weights: Checkpoint | None) -> str:
-    """Why ``weights`` do not fit ``scene``; empty if they do."""
+def lacks(scene: Scene, weights: Checkpoint | None, solver: str) -> str:
+    """Why ``weights`` do not fit ``scene``, nor its coarse cloth of ``solver``; empty if they do."""
     if weights is None:
         return f"no super-resolution of {scene.name}"
     coarse = coarse_grid(scene.grid, SCALE)
@@ -84,11 +88,21 @@ def lacks(scene: Scene, weights: Checkpoint | None) -> str:
         down, along = (f"{1e3 * side:.0f}" for side in sides)
         told = down if down == along else f"{down} x {along}"
         return f"coarse cells of {told} mm, trained on {1e3 * trained:.0f} mm"
-    return ""
+    if fitted_on(weights)["scaling"] == "similar":
+        return ""
+    closure = closure_card(scene.name, SCALE)  # which other solvers do not have
+    return solver_beyond(solver) or (closure.beyond(scene, coarse) if closure else "")
 
 
-def physics_beyond(scene: Scene, solver: str) -> str:
+def solver_beyond(solver: str) -> str:
+    """Why the network was not trained on coarse cloths of ``solver``; empty if it was."""
+    return "" if solver == SOLVER else f"solver {solver!r}, trained on {SOLVER!r}"
+
+
+def physics_beyond(scene: Scene, solver: str, self_contact: bool) -> str:
     """Why the network was not trained on the coarse cloth's physics; empty if it was."""
-    if solver != SOLVER:
-        return f"solver {solver!r}, trained on {SOLVER!r}"
-    return "" if scene.self_contact else "no self-contact, trained with it"
+    if told := solver_beyond(solver):
+        return told
+    if (scene.self_contact is not None) == self_contact:
+        return ""
+    return "no self-contact, trained with it" if self_contact else "self-contact, trained without it"

@@ -107,9 +107,12 @@ def shipped(scene: str, coarse: Grid) -> Checkpoint | None:
 
 
 def fitted_on(weights: Checkpoint) -> dict[str, Any]:
-    """The spacing [m] and material that weights were trained on."""
+    """The spacing [m] of the coarse cloth that weights were trained on, its ``scaling``, and the fine one's material.
+
+    And whether cloths kept out of themselves.
+    """
     told: dict[str, Any] = weights.card["factors"][str(SCALE)]["fitted on"]
-    return told
+    return {"scaling": "similar", "self_contact": True} | told  # as all were before cards told of it
 
 
 def divides(coarse: Grid, fine: Grid) -> bool:

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from cloth_envs.grid import Grid
+from cloth_envs.scene import Scene
 from surrogates.superres.image import Alignment, Range, at_rest, image, normals
 from training.superres.pairs import Pair
 
@@ -67,16 +68,21 @@ def frames_of(pairs: Sequence[Pair]) -> tuple[Frames, Around]:
         )
 
     few, many = pairs[0].coarse.scene, pairs[0].fine.scene
-    held = np.zeros((len(pairs), *few.grid.shape), np.float32)
-    radii = np.zeros((len(pairs), len(few.colliders)), np.float32)
-    for k, scene in enumerate(pair.coarse.scene for pair in pairs):
-        held[k].flat[list(scene.handles)] = 1
-        radii[k] = [body.radius + scene.thickness for body in scene.colliders]
     bodies = np.concatenate([pair.bodies[1:] for pair in pairs]).astype(np.float32)
-    planes = [body.kind == "plane" for body in few.colliders]
     run = torch.tensor([pair.number for pair in pairs]).repeat_interleave(len(pairs[0].coarse.positions) - 1)
     frames = Frames(cloths("coarse"), cloths("fine"), run, few.grid, many.grid, few.frame_dt)
-    return frames, Around(torch.from_numpy(held), torch.from_numpy(bodies), torch.from_numpy(radii), planes)
+    return frames, around([pair.coarse.scene for pair in pairs], bodies)
+
+
+def around(scenes: Sequence[Scene], bodies: np.ndarray) -> Around:
+    """What is around coarse cloths: the scene of every run, and the bodies of every frame ``(N, C, 2, 3)`` [m]."""
+    held = np.zeros((len(scenes), *scenes[0].grid.shape), np.float32)
+    radii = np.zeros((len(scenes), len(scenes[0].colliders)), np.float32)
+    for k, scene in enumerate(scenes):
+        held[k].flat[list(scene.handles)] = 1
+        radii[k] = [body.radius + scene.thickness for body in scene.colliders]
+    planes = [body.kind == "plane" for body in scenes[0].colliders]
+    return Around(torch.from_numpy(held), torch.from_numpy(bodies), torch.from_numpy(radii), planes)
 
 
 class Aligned(NamedTuple):

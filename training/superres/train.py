@@ -1,13 +1,14 @@
-"""``minicloth train mfsr``: the network of ``backend="mfsr"`` and ridge in its features, from synchronised pairs.
+"""``minicloth train mfsr``: the network of ``backend="mfsr"`` and ridge in its features.
 
-Pairs are those of ``minicloth generate SCENE --pairs synchronised``; errors are told of the sequences for testing. A
-stopped training goes on, bit for bit. By default those of Chen et al. 2020: Draping, Hitting and Skirt; ``--own``: on
-the environments' own grids, from pairs of ``generate --own``.
+By default of the scenes of Chen et al. 2020, Draping, Hitting and Skirt, from their synchronised pairs, those of
+``minicloth generate SCENE --pairs synchronised``; ``--own``: on the environments' own grids, from pairs of
+``generate --own``. Of other scenes, whose coarse cloths have a closure, from runs of these (``restarts``). Errors are
+told of sequences that are not learnt from. A stopped training goes on, bit for bit.
 """
 
 import json
-from collections.abc import Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,14 +16,18 @@ import numpy as np
 import torch
 
 from cloth_envs.registry import PRESETS, SCENES
+from cloth_envs.scene import Scene
+from cloth_envs.world import World
 from surrogates.superres.features import FRAMES, SCALE, spacing
 from surrogates.superres.network import weights_name
 from training.cache import digest
 from training.command import is_done, keep, plan, read
 from training.fit import Kept
+from training.superres import restarts
 from training.superres.detail import Detail, Mirrored, Net, Recipe, ridge, train
-from training.superres.frames import Aligned, frames_of, score
-from training.superres.pairs import pairs_folder, sequences
+from training.superres.frames import Aligned, Around, Frames, frames_of, score
+from training.superres.generate import PRESET
+from training.superres.pairs import SPLITS, pairs_folder, sequences
 from training.superres.pairs import read as read_pair
 
 LONGEST = slice(0, 801)  # frames of a sequence that are read: those of Hitting would not fit into memory
@@ -54,44 +59,75 @@ def errors(nets: dict[str, Net | None], detail: Detail, scale: Any) -> dict[str,
     return out
 
 
-def train_scene(scene: str, recipe: Recipe, folder: Path, out: Path, cache: Path, *, own: bool = False) -> None:
-    """Fit and write the network of a scene; what ``out`` holds of this recipe and these pairs is kept.
+@dataclass(frozen=True)
+class Data:
+    """What is learnt from, by its ``key``, and tested on; ``load`` reads either once it is known to be needed.
 
-    ``own``: the pairs are of the environment's own grid.
-
-    Raises:
-        ValueError: there are no pairs.
+    ``scaling`` is that of the coarse cloth, ``about`` the words of the card.
     """
-    learnt, tested = (sequences(folder, split) for split in ("train", "test"))
-    settings = {"recipe": json.loads(json.dumps(asdict(recipe))), "pairs": digest(*(p.read_bytes() for p in learnt))}
-    name = weights_name(scene, own)
+
+    load: Callable[[str], tuple[Frames, Around]]
+    fine: Scene
+    scaling: str
+    key: str
+    about: str
+
+
+def tracked(folder: Path) -> Data:
+    """Synchronised pairs. Raises ValueError: there are none."""
+    paths = {split: sequences(folder, split) for split in SPLITS}
+    learnt = paths[SPLITS[0]]
+
+    def load(split: str) -> tuple[Frames, Around]:
+        return frames_of([read_pair(path, LONGEST) for path in paths[split]])
+
+    numbers = ", ".join(str(int(path.stem)) for path in learnt)
+    about = f"synchronised pairs of sequences {numbers}, tracking of means"
+    fine = read_pair(learnt[0], slice(1)).fine.scene
+    return Data(load, fine, "similar", digest(*(path.read_bytes() for path in learnt)), about)
+
+
+def restarted(scene: str, cache: Path) -> Data:
+    """Runs of a closure's coarse cloth from the truth."""
+    fine = World(scene).scene
+    found = {split: restarts.restarts(scene, seeds, cache) for split, seeds in zip(SPLITS, restarts.SEEDS, strict=True)}
+    about = f"miniature restarted from truth at frames {restarts.STARTS}, {restarts.AFTER} frames each"
+    key = digest(*(found[SPLITS[0]][name] for name in sorted(found[SPLITS[0]])))
+    return Data(lambda split: restarts.frames_of(fine, found[split]), fine, restarts.SCALING, key, about)
+
+
+def train_scene(name: str, recipe: Recipe, data: Data, out: Path, cache: Path) -> None:
+    """Fit and write the network ``name``; what ``out`` holds of this recipe and data is kept."""
+    settings = {"recipe": json.loads(json.dumps(asdict(recipe))), "pairs": data.key}
     if is_done(name, SCALE, settings, out):
         return
-    pairs = [read_pair(path, LONGEST) for path in learnt]
-    frames, around = frames_of(pairs)
-    detail = Detail(frames, around)
+    scene, detail = data.fine.name, Detail(*data.load(SPLITS[0]))
     kept = Kept(cache / f"{name}_{digest(settings)}.pt", json.dumps(settings))
     net, seconds = train(recipe, detail, kept=kept, label=scene)
-    other = Detail(*frames_of([read_pair(path, LONGEST) for path in tested]), detail.scale)
+    other = Detail(*data.load(SPLITS[1]), detail.scale)
     nets = {"bicubic": None, "ridge": ridge(detail), "mfsr": net}
-    told = errors(nets, other, Aligned.of(frames).range())
-    few = pairs[0].coarse.scene
+    told = errors(nets, other, Aligned.of(detail.frames).range())
     card = {
         "what": f"upscaler 'mfsr' of {scene}: residual to bicubic, from convolutions over the coarse cloth",
-        "data": f"synchronised pairs of sequences {', '.join(str(pair.number) for pair in pairs)}, tracking of means",
+        "data": data.about,
     }
-    about = {
-        "errors of unseen sequences": told,
-        "fitted on": {"spacing": spacing(few.grid), "material": few.material.as_dict()},
+    fitted = {
+        "spacing": spacing(detail.frames.small),
+        "material": data.fine.material.as_dict(),
+        "scaling": data.scaling,
+        "self_contact": data.fine.self_contact is not None,
     }
+    about = {"errors of unseen sequences": told, "fitted on": fitted}
     keep(name, SCALE, arrays(net, detail), settings, seconds, about, card, out)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Train the network of every scene. Returns the exit code."""
     given, recipe = read("mfsr", __doc__, Recipe, OPTIONS, argv, flag=("--own", "on the environments' own grids"))
-    scenes = list(PRESETS["chen2020"]) if given.scenes == list(SCENES) else given.scenes
+    scenes = list(PRESETS[PRESET]) if given.scenes == list(SCENES) else given.scenes
     plan("mfsr", f"{', '.join(scenes)}, {recipe.steps} steps each", given.out, given.cache)
     for scene in scenes:
-        train_scene(scene, recipe, pairs_folder(scene, given.own), given.out, given.cache, own=given.own)
+        own = given.own and scene in PRESETS[PRESET]
+        data = tracked(pairs_folder(scene, own)) if scene in PRESETS[PRESET] else restarted(scene, given.cache)
+        train_scene(weights_name(scene, own), recipe, data, given.out, given.cache)
     return 0
