@@ -43,7 +43,7 @@ from training.rows import read_rows
 from training.superres import published, restarts
 from training.superres import train as train_mfsr
 from training.superres.convergence import CONVERGENCE, FEATURES, ConvergenceRow
-from training.superres.detail import Detail, Mirrored, Net, Recipe, coarse_modes, ridge, tiles, train
+from training.superres.detail import Detail, Mirrored, Net, Recipe, coarse_modes, overlong, ridge, tiles, train
 from training.superres.frames import Aligned, Frames, frames_of
 from training.superres.generate import BACKEND
 from training.superres.losses import kinematic, positions
@@ -278,8 +278,8 @@ def test_other_grids_are_refused() -> None:
     coarse, fine = scenes(False)
     with pytest.raises(ValueError, match="needs 4 fine cells"):
         SuperResolution(coarse, replace(fine, grid=Grid(16, 21, 1.0, 1.2)), SCALE, arrays=weights())
-    with pytest.raises(ValueError, match="minicloth train mfsr --scenes Flag"):
-        SuperResolution(coarse, replace(fine, name="Flag"), SCALE)
+    with pytest.raises(ValueError, match="minicloth train mfsr --scenes Pennant"):
+        SuperResolution(coarse, replace(fine, name="Pennant"), SCALE)
 
 
 def swung(seed: int, frames: int = 50) -> Pair:
@@ -453,6 +453,19 @@ def test_a_published_training_of_nothing_is_refused(given: list[str]) -> None:
 def test_the_published_rate_falls_by_ten_until_the_middle() -> None:
     rate = published.published_rate(1e-4, 240)
     assert [rate(step) for step in (0, 39, 40, 80, 120, 239)] == pytest.approx([1e-4, 1e-4, 1e-5, 1e-6, 1e-7, 1e-7])
+
+
+@BOTH
+def test_edges_that_are_too_long_are_told(periodic: bool) -> None:
+    """Of a sheet twice as large as at rest, of strain 1; of a tube but for chords in place of its arcs."""
+    grid = LARGE_TUBE if periodic else LARGE
+    sheet = at_rest(grid)[None]
+    assert overlong(sheet, grid) == 0
+    chord = 1 - (np.pi / grid.cols) ** 2 / 6 if periodic else 1
+    down, along = (2 - 1 - 0.5) ** 2, (2 * chord - 1 - 0.5) ** 2
+    counts = grid.cells[0] * grid.cols, grid.rows * grid.cells[1]
+    mean = (counts[0] * down + counts[1] * along) / sum(counts)
+    np.testing.assert_allclose(overlong(2 * sheet, grid), mean, rtol=1e-4)
 
 
 @BOTH

@@ -113,7 +113,7 @@ FAMILIES: dict[str, list[Participant]] = {
         _sweep(ORACLE, f"{BASELINES}:Oracle", *({"factor": n} for n in ALL)),
     )
 }
-# Of what is measured on scenes with super-resolution, which have no fits; there is none on the others.
+# Of what is measured on scenes with super-resolution, which have no fits. On the others that is in docs/mfsr.md.
 BESIDE_DETAIL = ("explicit", "coarse bilinear", "miniature similar", "mfsr", "repeat last frame", "constant velocity")
 NO_PHYSICS = ("repeat last frame", "constant velocity", ORACLE)  # an edge too long is no failure of these
 

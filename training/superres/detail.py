@@ -15,6 +15,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from cloth_envs.grid import Grid
 from cloth_envs.resample import weights as interpolation
 from surrogates.superres.features import CHANNELS, FRAMES, MIRROR, SCALE, Bodies, features, residual
 from surrogates.superres.image import normals
@@ -23,6 +24,7 @@ from training.fit import Kept, cosine, fit
 from training.superres.frames import CHUNK, Around, Frames, wrinkles
 
 WINDOW = 8  # fine vertices along a side, over which wrinkles are compared
+LONG = 0.5  # strain of an edge over which it counts as too long
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,7 @@ class Recipe:
 
     Attributes:
         normal, flicker, wrinkle, fine: weights of the losses beside that of distances, which is 1.
+        strain: that of ``overlong`` edges, for cloths that the guard would interpolate.
         windows: of three frames in a batch. rate: falls along half a cosine.
 
     Raises:
@@ -43,6 +46,7 @@ class Recipe:
     flicker: float = 0.1
     wrinkle: float = 0.1
     fine: float = 0.2
+    strain: float = 0.0
     steps: int = 6000
     windows: int = 4
     rate: float = 2e-3
@@ -194,6 +198,15 @@ def parts(x: Tensor, truth: Tensor, periodic: bool, finer: Callable[[Tensor], Te
     ]
 
 
+def overlong(x: Tensor, grid: Grid) -> Tensor:
+    """The mean square of how far strains of edges of cloths ``x`` ``(B, 3, H, W)`` [m] are over ``LONG``."""
+    ahead = x.roll(-1, 3) if grid.periodic else x[..., 1:]
+    along = (ahead - x[..., : ahead.shape[3]]) / grid.col_spacing
+    down = (x[:, :, 1:] - x[:, :, :-1]) / grid.row_spacing
+    over = [((edge.square().sum(1) + 1e-12).sqrt() - 1 - LONG).relu().flatten() for edge in (along, down)]
+    return torch.cat(over).square().mean()
+
+
 def coarse_modes(few: int, many: int, periodic: bool) -> np.ndarray:
     """Projection ``(n, n)`` of the vertices of ``many`` cells onto the waves that ``few`` can have.
 
@@ -227,20 +240,23 @@ def train(
         )
     starts = detail.frames.starts(FRAMES - 1, 2)
 
-    def compared(find: Callable[[Tensor], Tensor], rng: np.random.Generator) -> list[Tensor]:
+    def compared(find: Callable[[Tensor], Tensor], rng: np.random.Generator) -> tuple[list[Tensor], Tensor]:
         chosen = starts[torch.from_numpy(rng.integers(len(starts), size=recipe.windows))]
         numbers = (chosen[:, None] + torch.arange(3)).flatten()
         shape = (recipe.windows, 3, 3, *detail.frames.large.shape)
-        return parts(find(numbers).view(shape), detail.frames.fine[numbers].view(shape), grid.periodic, detail.finer)
+        x = find(numbers)
+        told = parts(x.view(shape), detail.frames.fine[numbers].view(shape), grid.periodic, detail.finer)
+        return told, overlong(x, detail.frames.large)
 
     with torch.no_grad():
-        drawn = [compared(detail.base, np.random.default_rng((recipe.seed, 1, k))) for k in range(10)]
+        drawn = [compared(detail.base, np.random.default_rng((recipe.seed, 1, k)))[0] for k in range(10)]
     plain = [sum(map(float, part)) / len(part) for part in zip(*drawn, strict=True)]
     weights = [1.0, recipe.normal, recipe.flicker, recipe.wrinkle, recipe.fine]
 
     def loss(step: int) -> Tensor:
-        found = compared(lambda numbers: detail(call, numbers), np.random.default_rng((recipe.seed, 0, step)))
-        return torch.stack([w * part / own for w, part, own in zip(weights, found, plain, strict=True)]).sum()
+        found, long = compared(lambda numbers: detail(call, numbers), np.random.default_rng((recipe.seed, 0, step)))
+        sum_of = torch.stack([w * part / own for w, part, own in zip(weights, found, plain, strict=True)]).sum()
+        return sum_of + recipe.strain * long if recipe.strain else sum_of
 
     rate = cosine(recipe.rate, recipe.steps, least=1e-3, warm=50)
     seconds = fit(net, loss, recipe.steps, rate, clip=1.0, label=label, kept=kept)

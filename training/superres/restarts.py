@@ -52,7 +52,7 @@ def simulate(scene: str, seeds: Sequence[int], starts: Sequence[int] = STARTS) -
     coarse, fine, bodies = (np.concatenate(part) for part in zip(*found, strict=True))
     numbers = np.repeat(np.arange(len(fine)), len(shown))
     whole = {"coarse": coarse, "fine": fine, "bodies": bodies}
-    return {name: a.reshape(-1, *a.shape[2:]) for name, a in whole.items()} | {"run": numbers}
+    return {name: a.reshape(len(numbers), *a.shape[2:]) for name, a in whole.items()} | {"run": numbers}
 
 
 def coarse_cloth(scene: Scene, num_envs: int = 1) -> CoarsePhysics:

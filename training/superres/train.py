@@ -36,6 +36,7 @@ OPTIONS = {
     "windows": "of three frames in a batch",
     "width": "channels of hidden layers",
     "layers": "hidden ones",
+    "strain": "weight of edges that are too long",
 }
 
 
