@@ -278,8 +278,8 @@ def test_other_grids_are_refused() -> None:
     coarse, fine = scenes(False)
     with pytest.raises(ValueError, match="needs 4 fine cells"):
         SuperResolution(coarse, replace(fine, grid=Grid(16, 21, 1.0, 1.2)), SCALE, arrays=weights())
-    with pytest.raises(ValueError, match="minicloth train mfsr --scenes Pennant"):
-        SuperResolution(coarse, replace(fine, name="Pennant"), SCALE)
+    with pytest.raises(ValueError, match="minicloth train mfsr --scenes BallDrop"):
+        SuperResolution(coarse, replace(fine, name="BallDrop"), SCALE)
 
 
 def swung(seed: int, frames: int = 50) -> Pair:
