@@ -37,7 +37,7 @@ class Recipe:
         windows: of three frames in a batch. rate: falls along half a cosine.
 
     Raises:
-        ValueError: a width that is odd, for its halves mirror each other; none of what there must be.
+        ValueError: a width that is odd, for its halves mirror each other; none of what there must be; a bad ``strain``.
     """
 
     width: int = 32
@@ -58,6 +58,8 @@ class Recipe:
         for name in ("layers", "steps", "windows"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if not 0 <= self.strain < float("inf"):
+            raise ValueError(f"strain must be a number of at least 0, got {self.strain}")
 
 
 class Mirrored(Conv):
@@ -246,7 +248,7 @@ def train(
         shape = (recipe.windows, 3, 3, *detail.frames.large.shape)
         x = find(numbers)
         told = parts(x.view(shape), detail.frames.fine[numbers].view(shape), grid.periodic, detail.finer)
-        return told, overlong(x, detail.frames.large)
+        return told, overlong(x, detail.frames.large) if recipe.strain else x.new_zeros(())
 
     with torch.no_grad():
         drawn = [compared(detail.base, np.random.default_rng((recipe.seed, 1, k)))[0] for k in range(10)]
@@ -255,8 +257,8 @@ def train(
 
     def loss(step: int) -> Tensor:
         found, long = compared(lambda numbers: detail(call, numbers), np.random.default_rng((recipe.seed, 0, step)))
-        sum_of = torch.stack([w * part / own for w, part, own in zip(weights, found, plain, strict=True)]).sum()
-        return sum_of + recipe.strain * long if recipe.strain else sum_of
+        whole = torch.stack([w * part / own for w, part, own in zip(weights, found, plain, strict=True)]).sum()
+        return whole + recipe.strain * long
 
     rate = cosine(recipe.rate, recipe.steps, least=1e-3, warm=50)
     seconds = fit(net, loss, recipe.steps, rate, clip=1.0, label=label, kept=kept)
