@@ -18,8 +18,9 @@ import cloth_envs
 
 STAGES = [("miniature", {"factor": 4}, 0.80), ("miniature", {"factor": 2}, 0.16), ("reference", {}, 0.04)]
 MEMBERS, STEPS, EPOCHS, BATCH = 32, 32, 6, 256
-DISCOUNT, TRACE, CLIP, RATE = 0.99, 0.95, 0.2, 5e-4
+HORIZON, TRACE, CLIP, RATE, FASTER = 4 / 3, 0.95, 0.2, 2e-3, 5.0  # HORIZON in seconds; noise learns FASTER
 LASTING = 0.8  # share of an action's noise in the next one's (Hollenstein et al. 2024), which its probability knows
+SMOOTH = 0.5  # weight, at the end, of how the policy's actions change from frame to frame (Mysore et al. 2021)
 
 
 def network(inputs: int, outputs: int, gain: float) -> nn.Sequential:
@@ -49,15 +50,15 @@ class Agent(nn.Module):
         super().__init__()
         hidden = np.where(np.arange(seen) < seen - told, np.inf, 0)  # keypoints, which shake on the reference alone
         self.actor, self.critic = network(seen, actions, 0.01), network(seen, 1, 1.0)
-        self.log_spread = nn.Parameter(torch.full((actions,), -0.5))
+        self.slow = nn.Parameter(torch.full((actions,), -0.5 / FASTER))  # logarithm of the noise's spread
         self.seen, self.earned = Running(seen, hidden), Running(1)
 
     def scaled(self, seen: np.ndarray) -> torch.Tensor:
         return torch.as_tensor(((seen - self.seen.mean) / self.seen.spread).clip(-10, 10), dtype=torch.float32)
 
     def log_probability(self, x: torch.Tensor, actions: torch.Tensor, lasting: torch.Tensor) -> torch.Tensor:
-        new = (actions - self.actor(x)) / self.log_spread.exp() - lasting
-        return -(new**2 / (2 - 2 * LASTING**2) + self.log_spread).sum(-1)
+        new = (actions - self.actor(x)) / (FASTER * self.slow).exp() - lasting
+        return -(new**2 / (2 - 2 * LASTING**2) + FASTER * self.slow).sum(-1)
 
     def save(self, path: str) -> None:  # for ``minicloth evaluate``
         scale = {"mean": torch.as_tensor(self.seen.mean), "spread": torch.as_tensor(self.seen.spread)}
@@ -65,55 +66,56 @@ class Agent(nn.Module):
 
 
 class Players:
-    """Members of one physics, their time limit kept here: they begin at different places of an episode."""
+    """Members of one physics, whose first episodes end at different times."""
 
     def __init__(self, scene: str, backend: str, options: dict[str, Any], seed: int) -> None:
-        ours = {"max_episode_steps": -1, "autoreset_mode": "Disabled", "backend": backend, "backend_kwargs": options}
+        ours = {"autoreset_mode": "Disabled", "desync": True, "backend": backend, "backend_kwargs": options}
         self.env = gym.make_vec(cloth_envs.env_id(scene), num_envs=MEMBERS, **ours)
         self.seen, _ = self.env.reset(seed=seed)
-        self.length = cloth_envs.EPISODE_FRAMES[scene]
-        self.left, self.sums, self.failed = np.linspace(1, self.length, MEMBERS).astype(int), np.zeros(MEMBERS), 0
-        self.noise = torch.randn(MEMBERS, self.env.action_space.shape[1])
+        self.discount = 1 - self.env.unwrapped.task.frame_dt / HORIZON
+        self.sums, self.failed, self.noise = np.zeros(MEMBERS), 0, torch.randn(self.env.action_space.shape)
 
     @torch.no_grad()
     def play(self, agent: Agent) -> tuple[list[torch.Tensor], float]:
-        """STEPS frames as ``(scaled, actions, lasting noise, log probability, advantage, return)``, the mean reward."""
+        """STEPS frames of scaled, next scaled, action, lasting noise, log probability, gain, return; the mean reward."""
         frames: list[tuple[Any, ...]] = []
         for _ in range(STEPS):
             agent.seen.add(self.seen)
             x = agent.scaled(self.seen)
             lasting = LASTING * self.noise
             self.noise = lasting + (1 - LASTING**2) ** 0.5 * torch.randn_like(lasting)
-            actions = agent.actor(x) + agent.log_spread.exp() * self.noise
-            self.seen, rewards, terminated, _, _ = self.env.step(actions.clamp(-1, 1).numpy())
-            self.left, self.failed = self.left - 1, self.failed + int(terminated.sum())
-            ended = terminated | (self.left == 0)
-            self.sums = DISCOUNT * self.sums + rewards
+            actions = agent.actor(x) + (FASTER * agent.slow).exp() * self.noise
+            self.seen, rewards, terminated, truncated, _ = self.env.step(actions.clamp(-1, 1).numpy())
+            ended, self.failed = terminated | truncated, self.failed + int(terminated.sum())
+            self.sums = self.discount * self.sums + rewards
             agent.earned.add(self.sums[:, None])
             after = agent.critic(agent.scaled(self.seen))[:, 0] * ~torch.as_tensor(terminated)  # goes on, if cut
             frames.append((x, actions, lasting, after, rewards, ended, rewards / agent.earned.spread))
             if ended.any():
                 self.seen, _ = self.env.reset(options={"reset_mask": ended})
-                self.left[ended], self.sums[ended] = self.length, 0.0
-        columns = (torch.stack([torch.as_tensor(part) for part in column]) for column in zip(*frames, strict=True))
-        x, actions, lasting, after, rewards, ended, scaled = columns
+                self.sums[ended] = 0.0
+        columns = zip(*frames, strict=True)
+        x, actions, lasting, after, rewards, ended, scaled = (torch.stack([*map(torch.as_tensor, c)]) for c in columns)
         told, values = agent.log_probability(x, actions, lasting), agent.critic(x)[..., 0]
         gains, ahead = torch.zeros_like(values), torch.zeros(MEMBERS)
         for t in reversed(range(STEPS)):
-            surprise = scaled[t].float() + DISCOUNT * after[t] - values[t]
-            ahead = gains[t] = surprise + DISCOUNT * TRACE * ~ended[t] * ahead
-        data = (x, actions, lasting, told, gains, gains + values)
+            surprise = scaled[t].float() + self.discount * after[t] - values[t]
+            ahead = gains[t] = surprise + self.discount * TRACE * ~ended[t] * ahead
+        then = torch.where(ended[:, :, None], x, torch.cat([x[1:], x[-1:]]))
+        data = (x, then, actions, lasting, told, gains, gains + values)
         return [part.flatten(0, 1) for part in data], float(rewards.mean())
 
 
-def learn(agent: Agent, optimizer: torch.optim.Optimizer, data: list[torch.Tensor]) -> None:
+def learn(agent: Agent, optimizer: torch.optim.Optimizer, data: list[torch.Tensor], done: float) -> None:
+    optimizer.param_groups[0]["lr"] = RATE * (1 - 0.9 * done)
     for _ in range(EPOCHS):
         for rows in torch.randperm(len(data[0])).split(BATCH):
-            x, actions, lasting, told, gain, goal = (part[rows] for part in data)
+            x, then, actions, lasting, told, gain, goal = (part[rows] for part in data)
             gain = (gain - gain.mean()) / (gain.std() + 1e-8)
             ratio = (agent.log_probability(x, actions, lasting) - told).exp()
             better = torch.minimum(ratio * gain, ratio.clamp(1 - CLIP, 1 + CLIP) * gain).mean()
-            loss = 0.5 * (agent.critic(x)[:, 0] - goal).square().mean() - better
+            rough = (agent.actor(then) - agent.actor(x)).abs().mean()
+            loss = 0.5 * (agent.critic(x)[:, 0] - goal).square().mean() + SMOOTH * done * rough - better
             optimizer.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(agent.parameters(), 0.5)
@@ -134,12 +136,11 @@ def main() -> None:
         players = Players(options.scene, backend, own, 10_000 * (options.seed + 1) + 1_000 * number)
         until = done + share * options.frames
         if agent is None:
-            agent = Agent(players.seen.shape[1], players.env.action_space.shape[1], len(players.env.world.task.extras))
-            optimizer = torch.optim.Adam(agent.parameters(), lr=RATE, eps=1e-5)
+            agent = Agent(players.seen.shape[1], players.env.action_space.shape[1], len(players.env.unwrapped.task.extras))
+            optimizer = torch.optim.Adam(agent.parameters(), eps=1e-5)
         while done < until:
-            optimizer.param_groups[0]["lr"] = RATE * (1 - 0.9 * done / options.frames)
             data, reward = players.play(agent)
-            learn(agent, optimizer, data)
+            learn(agent, optimizer, data, done / options.frames)
             done += MEMBERS * STEPS
             print(f"{process_time() - began:5.0f} s, {done} frames, {backend} {own}: {reward:.3f} a frame", flush=True)
         players.env.close()

@@ -11,7 +11,7 @@ from cloth_envs.marks import Mark, dot, line, ring
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Collider, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive, push
-from cloth_envs.scenes.measures import columns, length, ramp, tolerance, within
+from cloth_envs.scenes.measures import broad_tolerance, columns, length, ramp, tolerance, within
 from cloth_envs.scenes.starts import between
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -25,7 +25,7 @@ OFFSET = 0.35  # m, largest starting distance of the cloth's middle from the bal
 DRIFT = 0.3  # m/s, largest starting velocity along x and y
 WAVE = 0.02  # m, largest starting waves
 HELD = 0.5  # m, mean height from which on the cloth counts as held up
-MARGIN = 0.35  # m
+MARGIN, FAR_MARGIN = 0.35, 1.0  # m, the second of version 1, which is felt from everywhere
 NEAR = within(MARGIN)  # m, distance from the axis that is near enough
 GOAL = (0.3, 0.8)  # m, distance of the goal from the ball's start, in version 1
 BRING_MARGIN, BRING_LEAST = 0.5, 0.25  # m, and what a cloth that is caught earns far from the goal
@@ -62,8 +62,9 @@ class BallDrop(Task):
     ## Version 1
     The cloth starts 0.35-0.6 m beside the ball's axis, so that nothing catches it by luck, and is to be carried to a
     goal on the ground, 0.3-0.8 m from where the ball starts. The reward is multiplied by `(1 + 3 * tolerance(distance
-    of the middle from the goal, 0.5 m)) / 4`, and `distance` is this one. Before the extras also the ways from the
-    ball's axis to the middle, and from the middle to the goal.
+    of the middle from the goal, 0.5 m)) / 4`, and `distance` is this one; of the distance from the ball's axis counts
+    the mean of `tolerance(distance, 1 m)`, which is felt from everywhere, and `tolerance(distance, 0.35 m)`. Before the
+    extras also the ways from the ball's axis to the middle, and from the middle to the goal.
     """
 
     size = (1.0, 1.0)
@@ -147,8 +148,9 @@ class BallDrop(Task):
     def score(self, episode: Episode) -> tuple[np.ndarray, ...]:
         middle = self.middle(episode)
         away = middle[:, :2] - episode.state.colliders[:, 0, 0, :2]
-        caught = tolerance(away, MARGIN), ramp(middle[:, 2], HELD)
+        held = ramp(middle[:, 2], HELD)
         if not self.version:
-            return length(away), *caught
+            return length(away), tolerance(away, MARGIN), held
         left = middle[:, :2] - episode.memory["goal"]
-        return length(left), tolerance(left, BRING_MARGIN, BRING_LEAST), *caught
+        brought, centred = tolerance(left, BRING_MARGIN, BRING_LEAST), broad_tolerance(away, FAR_MARGIN, MARGIN)
+        return length(left), brought, centred, held

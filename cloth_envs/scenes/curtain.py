@@ -12,7 +12,7 @@ from cloth_envs.marks import Mark, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import Drive
-from cloth_envs.scenes.measures import columns, mean_span, tolerance
+from cloth_envs.scenes.measures import broad_tolerance, columns, mean_span, tolerance
 from cloth_envs.scenes.starts import between, bow, either
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -145,5 +145,5 @@ class Curtain(Task):
         off = self.covered(episode) - episode.memory["target"]
         cover, calm = tolerance(off, COVER_MARGIN), tolerance(self.speed(episode, 1, 2), CALM_MARGIN, 0.25)
         if self.version:
-            cover = 0.5 * (tolerance(off, FAR_MARGIN) + tolerance(off, NEAR_MARGIN))
+            cover = broad_tolerance(off, FAR_MARGIN, NEAR_MARGIN)
         return abs(off), cover, calm

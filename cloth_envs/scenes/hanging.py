@@ -13,7 +13,7 @@ from cloth_envs.marks import Mark, dot, ghost, line
 from cloth_envs.material import Material
 from cloth_envs.scene import Air, Scene, SelfContact
 from cloth_envs.scenes.drives import GUST_TONES, Drive, gust, tones_of
-from cloth_envs.scenes.measures import columns, length, tolerance, within
+from cloth_envs.scenes.measures import broad_tolerance, columns, length, tolerance, within
 from cloth_envs.scenes.starts import between, rotation
 from cloth_envs.scenes.task import Episode, Start, Task, documented
 from cloth_envs.state import Controls
@@ -151,5 +151,5 @@ class Hanging(Task):
         off, speed = self.middle(episode) - episode.memory["goal"], self.speed(episode)
         if not self.version:
             return length(off), tolerance(off, PLACE_MARGIN), tolerance(speed, CALM_MARGIN, 0.25)
-        approach = 0.5 * (tolerance(off, FAR_MARGIN) + tolerance(off, NEAR_MARGIN))
+        approach = broad_tolerance(off, FAR_MARGIN, NEAR_MARGIN)
         return length(off), approach, tolerance(speed, REST_MARGIN, 0.5)

@@ -22,6 +22,11 @@ def tolerance(error: np.ndarray, margin: float, least: float = 0.0, /) -> np.nda
     return least + (1.0 - least) * xp.exp(log(0.1) * (squares if squares.ndim == 1 else squares.sum(1)))
 
 
+def broad_tolerance(error: np.ndarray, far: float, near: float) -> np.ndarray:
+    """Half ``tolerance`` with a margin that is felt from ``far``, half with one that is sharp, ``near``; ``(B,)``."""
+    return 0.5 * (tolerance(error, far) + tolerance(error, near))
+
+
 @compiled  # 3 us
 def ramp(value: np.ndarray, full: float, /) -> np.ndarray:
     """0 where the value ``(B,)`` is 0 or less, 1 where it is ``full`` or more, and even between; ``(B,)``."""

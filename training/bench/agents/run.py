@@ -94,14 +94,13 @@ class Training:
             players = ppo.Players(scene, backend, {**options, "threads": 1}, 10_000 * (seed + 1) + 1_000 * number)
             until += share * budget
             if self.agent is None:
-                told = len(players.env.world.task.extras)
+                told = len(players.env.unwrapped.task.extras)
                 self.agent = ppo.Agent(players.seen.shape[1], players.env.action_space.shape[1], told)
-                optimizer = torch.optim.Adam(self.agent.parameters(), lr=ppo.RATE, eps=1e-5)
+                optimizer = torch.optim.Adam(self.agent.parameters(), eps=1e-5)
             while self.seconds < until - 1e-9:
                 began = process_time()
-                optimizer.param_groups[0]["lr"] = ppo.RATE * (1 - 0.9 * min(self.seconds / budget, 1.0))
                 data, _ = players.play(self.agent)
-                ppo.learn(self.agent, optimizer, data)
+                ppo.learn(self.agent, optimizer, data, min(self.seconds / budget, 1.0))
                 self.seconds += process_time() - began
                 self.frames += len(data[0])
                 self.reference_frames += len(data[0]) * (backend == "reference")
