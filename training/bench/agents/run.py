@@ -45,7 +45,7 @@ X4: tuple[str, dict[str, Any]] = ("miniature", {"factor": 4})
 X2: tuple[str, dict[str, Any]] = ("miniature", {"factor": 2})
 SCHEDULES: dict[str, Sequence[Stage]] = {
     "miniature x4": [(*X4, 1.0)],
-    MIXED: [(*X4, 0.6), (*X2, 0.25), ("reference", {}, 0.15)],
+    MIXED: [(*X4, 0.65), (*X2, 0.25), ("reference", {}, 0.1)],  # of the example's physics
     "miniature x2": [(*X2, 1.0)],
     REFERENCE: [("reference", {}, 1.0)],
 }
@@ -76,6 +76,15 @@ def example() -> Any:
     return module
 
 
+def stages_of(schedule: str, scene: str) -> Sequence[Stage]:
+    """Those of a schedule; a mixed one has the example's physics of this scene."""
+    stages = SCHEDULES[schedule]
+    if schedule != MIXED:
+        return stages
+    own = example().stages(scene)
+    return [(backend, options, share) for (backend, options, _), (*_, share) in zip(own, stages, strict=True)]
+
+
 @dataclass
 class Training:
     """One training as far as it is: its agent, processor time [s], frames, those of the reference, failures."""
@@ -94,8 +103,7 @@ class Training:
             players = ppo.Players(scene, backend, {**options, "threads": 1}, 10_000 * (seed + 1) + 1_000 * number)
             until += share * budget
             if self.agent is None:
-                told = len(players.env.unwrapped.task.extras)
-                self.agent = ppo.Agent(players.seen.shape[1], players.env.action_space.shape[1], told)
+                self.agent = ppo.Agent(players.task, players.seen.shape[1])
                 optimizer = torch.optim.Adam(self.agent.parameters(), eps=1e-5)
             while self.seconds < until - 1e-9:
                 began = process_time()
@@ -130,7 +138,7 @@ def fill(session: Session, scene: str, schedule: str, seed: int, work: Work) -> 
             floors.add(FloorRow(scene, who, round(found.reward.mean(), 4), round(found.success.mean(), 4)))
     if (scene, schedule, seed, work.points) in store:
         return
-    training, stages, rows = Training(), SCHEDULES[schedule], []
+    training, stages, rows = Training(), stages_of(schedule, scene), []
     for point in training.run(scene, stages, seed, work.seconds, work.points):
         seeds = CERTIFIED if point == work.points else HELD_OUT
         true = play(scene, training.policy(), seeds, frames=work.frames)
@@ -151,9 +159,7 @@ def fill(session: Session, scene: str, schedule: str, seed: int, work: Work) -> 
 
 def keep(agent: Any, row: AgentRow, path: Path, stages: Sequence[Stage]) -> None:
     """Write a policy, for ``load_policy``, and beside it a card with what was measured of it."""
-    scale = {"mean": torch.as_tensor(agent.seen.mean), "spread": torch.as_tensor(agent.seen.spread)}
-    weights = {name: value.float().numpy() for name, value in (scale | dict(agent.actor.state_dict())).items()}
-    write_bytes(path, save(weights))
+    write_bytes(path, save({name: value.float().numpy() for name, value in agent.weights().items()}))
     card = {"what": "policy of examples/train_ppo.py, 64 x 64", "licence": "MIT", "stages, shares of the time": stages}
     write_text(path.with_suffix(".json"), json.dumps(card | asdict(row), indent=1) + "\n")
 
