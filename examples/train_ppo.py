@@ -42,7 +42,7 @@ class Agent(nn.Module):
         actions, told = len(task.actions), len(task.extras)
         self.hidden = np.where(
             np.arange(seen) < seen - told, np.inf, 0
-        )  # keypoints, which shake on the reference alone
+        )  # keypoints, which shake in their plane
         self.actor, self.critic = network(seen, actions, 0.01), network(seen, 1, 1.0)
         self.slow = nn.Parameter(torch.full((actions,), -0.5 / FASTER))  # logarithm of the noise's spread
         self.seen, self.earned = RunningMeanStd(shape=(seen,)), RunningMeanStd()
@@ -75,7 +75,7 @@ class Players:
 
     @torch.no_grad()
     def play(self, agent: Agent) -> tuple[list[torch.Tensor], float]:
-        """STEPS frames of scaled, next scaled, action, lasting noise, log probability, gain, goal; their mean reward."""
+        """STEPS frames of scaled, next scaled, action, lasting noise, log probability, gain, goal; the mean reward."""
         frames: list[tuple[Any, ...]] = []
         for _ in range(STEPS):
             agent.seen.update(self.seen)
