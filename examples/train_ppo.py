@@ -20,7 +20,7 @@ import cloth_envs
 MEMBERS, STEPS, EPOCHS, BATCH = 32, 32, 6, 256
 HORIZON, TRACE, CLIP, RATE, FASTER = 4 / 3, 0.95, 0.2, 2e-3, 5.0  # HORIZON in seconds; noise learns FASTER
 LASTING = 0.8  # share of an action's noise in the next one's (Hollenstein et al. 2024), which its probability knows
-SMOOTH = 0.5  # weight, at the end, of how the policy's actions change from frame to frame (Mysore et al. 2021)
+SMOOTH = 2.0  # weight of how the policy's actions change from frame to frame, squared (Mysore et al. 2021)
 
 
 def stages(scene: str) -> list[tuple[str, dict[str, Any], float]]:
@@ -112,8 +112,8 @@ def learn(agent: Agent, optimizer: torch.optim.Optimizer, data: list[torch.Tenso
             gain = (gain - gain.mean()) / (gain.std() + 1e-8)
             ratio = (agent.log_probability(x, actions, lasting) - told).exp()
             better = torch.minimum(ratio * gain, ratio.clamp(1 - CLIP, 1 + CLIP) * gain).mean()
-            rough = (agent.actor(then) - agent.actor(x)).abs().mean()
-            loss = 0.5 * (agent.critic(x)[:, 0] - goal).square().mean() + SMOOTH * done * rough - better
+            rough = (agent.actor(then) - agent.actor(x)).square().mean()
+            loss = 0.5 * (agent.critic(x)[:, 0] - goal).square().mean() + SMOOTH * rough - better
             optimizer.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(agent.parameters(), 0.5)
