@@ -18,7 +18,7 @@ from torch import nn
 import cloth_envs
 
 MEMBERS, STEPS, EPOCHS, BATCH = 32, 32, 6, 256
-HORIZON, TRACE, CLIP, RATE, FASTER = 4 / 3, 0.95, 0.2, 2e-3, 5.0  # HORIZON in seconds; noise learns FASTER
+HORIZON, TRACE, CLIP, RATE, FASTER = 4 / 3, 0.8, 0.2, 2e-3, 5.0  # the first two in seconds; noise learns FASTER
 LASTING = 0.8  # share of an action's noise in the next one's (Hollenstein et al. 2024), which its probability knows
 SMOOTH = 2.0  # weight of how the policy's actions change from frame to frame, squared (Mysore et al. 2021)
 
@@ -40,9 +40,7 @@ class Agent(nn.Module):
     def __init__(self, task: Any, seen: int) -> None:
         super().__init__()
         actions, told = len(task.actions), len(task.extras)
-        self.hidden = np.where(
-            np.arange(seen) < seen - told, np.inf, 0
-        )  # keypoints, which shake in their plane
+        self.hidden = np.where(np.arange(seen) < seen - told, np.inf, 0)  # keypoints, which shake in their plane
         self.actor, self.critic = network(seen, actions, 0.01), network(seen, 1, 1.0)
         self.slow = nn.Parameter(torch.full((actions,), -0.5 / FASTER))  # logarithm of the noise's spread
         self.seen, self.earned = RunningMeanStd(shape=(seen,)), RunningMeanStd()
@@ -70,7 +68,7 @@ class Players:
         self.env = gym.make_vec(cloth_envs.env_id(scene), num_envs=MEMBERS, **ours)
         self.seen, _ = self.env.reset(seed=seed)
         self.task = self.env.unwrapped.task
-        self.discount = 1 - self.task.frame_dt / HORIZON
+        self.discount, self.trace = (1 - self.task.frame_dt / seconds for seconds in (HORIZON, TRACE))
         self.sums, self.failed, self.noise = np.zeros(MEMBERS), 0, torch.randn(self.env.action_space.shape)
 
     @torch.no_grad()
@@ -98,7 +96,7 @@ class Players:
         gains, ahead = torch.zeros_like(values), torch.zeros(MEMBERS)
         for t in reversed(range(STEPS)):
             surprise = scaled[t].float() + self.discount * after[t] - values[t]
-            ahead = gains[t] = surprise + self.discount * TRACE * ~ended[t] * ahead
+            ahead = gains[t] = surprise + self.discount * self.trace * ~ended[t] * ahead
         then = torch.where(ended[:, :, None], x, torch.cat([x[1:], x[-1:]]))
         data = (x, then, actions, lasting, told, gains, gains + values)
         return [part.flatten(0, 1) for part in data], float(rewards.mean())
