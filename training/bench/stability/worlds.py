@@ -204,7 +204,7 @@ AXES: dict[str, Axis] = {
         label=lambda level: POLICIES[round(level)], usual=EVERY,
     ),
     "random": Axis(
-        "random actions at every frame [frames]", (10, 25, 50, 100),
+        "random actions [frames]", (10, 25, 50, 100),
         lambda base, level: episode(base, round(level), "random"), label="{:g}".format, cut=True, usual=EVERY,
     ),
     "bang-bang": Axis(
