@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from json import loads
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
 pytest.importorskip("torch", reason="needs the extra 'train'")
+
+import torch
 
 from cloth_envs.agents import LEARNED, NETWORKS, load_policy
 from cloth_envs.commands.cli import main
@@ -59,6 +62,34 @@ def test_schedules_share_out_the_time_and_end_where_it_counts() -> None:
     for stages in agents.SCHEDULES.values():
         assert sum(share for *_, share in stages) == pytest.approx(1)
     assert [name for name, *_ in agents.SCHEDULES["mixed"]] == ["miniature", "miniature", "reference"]
+
+
+def test_a_mixed_schedule_has_the_physics_of_the_example() -> None:
+    shares = [share for *_, share in agents.SCHEDULES[agents.MIXED]]
+    for scene, first in (("Flag-v1", 4), ("Skirt-v1", 3)):
+        stages = agents.stages_of(agents.MIXED, scene)
+        assert [share for *_, share in stages] == shares
+        assert [options.get("factor") for _, options, _ in stages] == [first, 2, None]
+    assert agents.stages_of("miniature x4", "Skirt-v1") == agents.SCHEDULES["miniature x4"]
+
+
+@pytest.mark.parametrize("smooth", [True, False])
+def test_answers_that_change_from_frame_to_frame_are_made_calm(smooth: bool) -> None:
+    ppo = agents.example()
+    ppo.SMOOTH *= smooth
+    torch.manual_seed(0)
+    agent = ppo.Agent(SimpleNamespace(actions=("a",), extras=("b",) * 4), 4)
+    torch.nn.init.orthogonal_(agent.actor[4].weight, 2.0)
+    x, then = torch.randn(2, 512, 4)
+    mean, nothing = agent.actor(x).detach(), torch.zeros(512)
+    told = agent.log_probability(x, mean, torch.zeros(512, 1)).detach()
+    data = [x, then, mean, torch.zeros(512, 1), told, nothing, nothing]  # no action is better than another
+    change = [(agent.actor(then) - agent.actor(x)).square().mean().item()]
+    optimizer = torch.optim.Adam(agent.parameters(), eps=1e-5)
+    for _ in range(10):
+        ppo.learn(agent, optimizer, data, 0.0)
+    change.append((agent.actor(then) - agent.actor(x)).square().mean().item())
+    assert (change[1] < 0.1 * change[0]) == smooth
 
 
 def test_a_run_is_scored_at_its_points_and_goes_on_where_it_was(
