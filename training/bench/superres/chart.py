@@ -103,4 +103,4 @@ def pictures(folder: Path) -> None:
             renderer.close()
         pen.text((4, TITLE + below * row + 4), f"{scene}, sequence {sequence}, frame {frames}", INK, font)
     with replacing(folder / f"{PICTURES}.png") as part:
-        sheet.quantize(256).save(part, "png", optimize=True)
+        sheet.quantize(256, kmeans=3).save(part, "png", optimize=True)
