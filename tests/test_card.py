@@ -121,6 +121,13 @@ def test_materials_of_single_members_are_told_and_keep_their_own_springs() -> No
         World("Flag", backend="miniature", backend_kwargs={"strict": True}, randomize={"areal_density": (0.19, 4.0)})
 
 
+def test_where_the_grid_is_plainer_members_beyond_the_card_are_told_by_their_own_springs() -> None:
+    made = world(resolution=(9, 13), randomize={"areal_density": (2.4, 2.5)})
+    assert made.backend.scaling == "closure"  # type: ignore[attr-defined]
+    assert made.surrogate[0].startswith("similar, bilinear: ")
+    assert made.backend.coarse.material(made.materials[0]) == made.materials[0]  # type: ignore[attr-defined]
+
+
 def test_a_closure_that_is_asked_for_stays_and_is_told() -> None:
     made = world(preset="lee2019", backend_kwargs={"scaling": "closure", "upscaler": "bicubic"})
     assert made.backend.scaling == "closure"  # type: ignore[attr-defined]

@@ -80,21 +80,29 @@ def test_a_saved_state_goes_on_bit_for_bit() -> None:
 
 
 @pytest.mark.parametrize(
-    ("scene", "options", "words"),
+    ("scene", "options", "made", "words"),
     [
-        ("Draping", {"resolution": (33, 33)}, "coarse cells of 125 mm, trained on 62 mm"),
-        ("Draping", {"resolution": (57, 209)}, "coarse cells of 71 x 19 mm, trained on 38 mm"),  # as large, other sides
-        ("Draping", {"resolution": (108, 105)}, "108x105 is not 4 times as fine"),
-        ("BallDrop", {}, "no super-resolution of BallDrop"),
-        ("Flag", {"resolution": (65, 33)}, "coarse cells of 62 x 188 mm, trained on 125 mm"),
-        ("Flag", {"preset": "lee2019"}, "another scene than the one of its fit"),
-        ("Flag", {"backend_kwargs": {"solver": "admm"}}, "solver 'admm', trained on 'explicit'"),
+        ("Draping", {"resolution": (33, 33)}, "similar, bicubic", "coarse cells of 125 mm, trained on 62 mm"),
+        # of as large cells, but other sides
+        ("Draping", {"resolution": (57, 209)}, "similar, bilinear", "coarse cells of 71 x 19 mm, trained on 38 mm"),
+        ("Draping", {"resolution": (108, 105)}, "similar, bicubic", "108x105 is not 4 times as fine"),
+        ("BallDrop", {}, "closure, local", "no super-resolution of BallDrop"),
+        ("Flag", {"resolution": (65, 33)}, "closure, bilinear", "coarse cells of 62 x 188 mm, trained on 125 mm"),
+        ("Flag", {"resolution": (65, 97)}, "closure, local", "coarse cells of 62 mm, trained on 125 mm"),
+        ("Flag", {"preset": "lee2019"}, "similar, bicubic", "another scene than the one of its fit"),
+        ("Flag", {"backend_kwargs": {"solver": "admm"}}, "similar, bicubic", "solver 'admm', trained on 'explicit'"),
     ],
 )
-def test_where_it_was_not_trained_cloth_is_interpolated(scene: str, options: dict[str, Any], words: str) -> None:
-    world = World(scene, backend="mfsr", **options)
-    world.reset({0: np_random(0)[0]})
-    assert world.surrogate[0].startswith(f"similar, bicubic: {words}")
+def test_where_it_was_not_trained_it_is_the_usual_miniature(
+    scene: str, options: dict[str, Any], made: str, words: str
+) -> None:
+    usual = {"backend": "miniature", "backend_kwargs": options.get("backend_kwargs", {}) | {"factor": 4}}
+    world, plain = World(scene, backend="mfsr", **options), World(scene, **options | usual)
+    for each in (world, plain):
+        each.reset({0: np_random(0)[0]})
+        each.step(np.full((1, len(each.task.actions)), 0.5))
+    assert world.surrogate[0].startswith(f"{made}: {words}")
+    np.testing.assert_array_equal(world.state.positions, plain.state.positions)
     strict = options.get("backend_kwargs", {}) | {"strict": True}
     with pytest.raises(ValueError, match=f"strict=True: {words}"):
         World(scene, backend="mfsr", **options | {"backend_kwargs": strict})
@@ -106,6 +114,19 @@ def test_another_material_is_told(scene: str, coarse: str) -> None:
     world = World(scene, preset=preset, backend="mfsr", material=FABRICS["silk"])
     world.reset({0: np_random(0)[0]})
     assert world.surrogate[0].startswith(f"{coarse}, mfsr: areal_density")
+
+
+def test_a_material_beyond_the_closure_is_the_same_cloth_however_it_comes() -> None:
+    """As the scene's, or with a state, as a draw of ``randomize`` comes."""
+    stiff = World("Flag", backend="mfsr", material={"stretch_stiffness": 4000.0})
+    other = World("Flag", backend="mfsr")
+    for world in (stiff, other):
+        world.reset({0: np_random(0)[0]})
+    other.set_state(stiff.get_state())
+    for world in (stiff, other):
+        world.step(np.ones((1, len(world.task.actions))))
+        assert world.surrogate[0] == "closure, mfsr: stretch_stiffness 4000, trained on 500"
+    np.testing.assert_array_equal(other.state.positions, stiff.state.positions)
 
 
 def test_contact_of_a_cloth_that_was_trained_without_is_told() -> None:

@@ -136,7 +136,8 @@ class MiniatureBackend(Upscaled):
     def plain(self, material: Material) -> str:
         """Why a cloth of ``material`` is plainer than usual or beyond its card; empty where it is neither."""
         why = self.beyond(material)
-        own = "similar" if self._usual and not self._why else self.scaling
+        plainer = self._usual and self._card is not None and self._card.material_beyond(material)
+        own = "similar" if plainer else self.scaling
         return f"{own}, {self.upscaler}: {why}" if why else ""
 
     @property

@@ -24,7 +24,7 @@ SPACING = 1.3  # times larger or smaller than in training that a side of a coars
 
 
 class MfsrBackend(MiniatureBackend):
-    """Coarse physics at factor 4, super-resolved when the cloth is read.
+    """Coarse physics at factor 4, super-resolved when the cloth is read; the usual miniature where no network fits.
 
     Args:
         scene: at full resolution. num_envs: members of the batch.
@@ -32,8 +32,8 @@ class MfsrBackend(MiniatureBackend):
             frame's.
         threads: over members of the batch.
         solver: of the coarse cloth, as for ``backend="reference"``. solver_kwargs: its other options.
-        strict: raise ValueError where the network was not trained, instead of interpolating bicubically, or taking it
-            as it is for another material or physics.
+        strict: raise ValueError where the network was not trained, instead of being the usual miniature at factor 4, or
+            of taking the network as it is for another material or physics.
 
     Raises:
         ValueError: a bad argument; ``strict``, and a scene, grid, material or physics that the network was not
@@ -58,15 +58,14 @@ class MfsrBackend(MiniatureBackend):
             self._other, scaling = physics_beyond(scene, solver, trained["self_contact"]), trained["scaling"]
         why = self.beyond(scene.material)
         if true_or_false("strict", strict) and why:
-            instead = "interpolation" if self._lacks else "the network as it is"
+            instead = "a plainer miniature" if self._lacks else "the network as it is"
             raise ValueError(f"strict=True: {why}: leave strict out for {instead}, or use the reference")
-        super().__init__(
-            scene, num_envs=num_envs, factor=SCALE, scaling=scaling, upscaler="bicubic" if self._lacks else "mfsr",
-            mend=False, guard=guard, threads=threads, solver=solver, solver_kwargs=solver_kwargs, strict=strict,
-        )  # fmt: skip
+        chosen: Any = {} if self._lacks else {"scaling": scaling, "upscaler": "mfsr", "mend": False}
+        super().__init__(scene, num_envs=num_envs, factor=SCALE, guard=guard, threads=threads, solver=solver,
+                         solver_kwargs=solver_kwargs, strict=strict, **chosen)  # fmt: skip
 
     def beyond(self, material: Material) -> str:
-        """Why a cloth of ``material`` is interpolated or beyond what was trained; empty where it is neither."""
+        """Why a cloth of ``material`` is without the network or beyond what was trained; empty where it is neither."""
         if self._lacks or self._weights is None:
             return self._lacks
         trained = fitted_on(self._weights)["material"]
@@ -91,7 +90,7 @@ def lacks(scene: Scene, weights: Checkpoint | None, solver: str) -> str:
     if fitted_on(weights)["scaling"] == "similar":
         return ""
     closure = closure_card(scene.name, SCALE)  # which other solvers do not have
-    return solver_beyond(solver) or (closure.beyond(scene, coarse) if closure else "")
+    return solver_beyond(solver) or (closure.scene_beyond(scene) or closure.finer(coarse) if closure else "")
 
 
 def solver_beyond(solver: str) -> str:
