@@ -322,7 +322,9 @@ def test_a_closures_cloths_that_start_again_teach_what_they_lack(
     given = ["--scenes", "Collision", "--steps", "60", "--width", "8", "--layers", "2"]
     given += ["--out", str(tmp_path), "--cache", str(tmp_path / "cache")]
     assert train_mfsr.main(given) == 0
-    card = load("mfsr_collision", tmp_path).card["factors"]["4"]
+    whole = load("mfsr_collision", tmp_path).card
+    assert "seeds 1000 to 1003, unseen 200 to 200; actions smooth, random, smooth, bang-bang in turn" in whole["data"]
+    card = whole["factors"]["4"]
     told = card["errors of unseen sequences"]
     assert told["mfsr"]["rms"] < 0.98 * told["bicubic"]["rms"], told
     assert (card["fitted on"]["scaling"], card["fitted on"]["self_contact"]) == ("closure", False)
@@ -438,7 +440,7 @@ def test_a_published_training_does_not_take_what_is_of_other_pairs(
             published.run(["all"], one, one, 1.0, tmp_path, scene)
 
 
-@pytest.mark.parametrize("option", [{"width": 5}, {"layers": 0}, {"steps": 0}, {"windows": -1}, {"strain": -1.0}])
+@pytest.mark.parametrize("option", [{"width": 5}, {"width": 6}, {"layers": 0}, {"steps": 0}, {"windows": -1}, {"strain": -1.0}])
 def test_a_recipe_of_nothing_is_refused(option: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=f"{next(iter(option))} must be"):
         Recipe(**option)

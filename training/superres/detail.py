@@ -24,6 +24,7 @@ from training.fit import Kept, cosine, fit
 from training.superres.frames import CHUNK, Around, Frames, wrinkles
 
 WINDOW = 8  # fine vertices along a side, over which wrinkles are compared
+WIDTHS = range(4, 257, 4)  # of hidden layers that the compiled network has
 LONG = 0.5  # strain of an edge over which it counts as too long
 
 
@@ -37,7 +38,7 @@ class Recipe:
         windows: of three frames in a batch. rate: falls along half a cosine.
 
     Raises:
-        ValueError: a width that is odd, for its halves mirror each other; none of what there must be; a bad ``strain``.
+        ValueError: a width that the compiled network does not have; none of what there must be; a bad ``strain``.
     """
 
     width: int = 32
@@ -53,8 +54,8 @@ class Recipe:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if self.width < 2 or self.width % 2:
-            raise ValueError(f"width must be even and at least 2, got {self.width}")
+        if self.width not in WIDTHS:
+            raise ValueError(f"width must be 4, 8, ... {WIDTHS[-1]}, got {self.width}")
         for name in ("layers", "steps", "windows"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
@@ -99,15 +100,10 @@ class Net(nn.Module):
     """From normalised features ``(B, CHANNELS, h, w)`` to numbers at the fine vertices, ``(B, 3, H, W)``.
 
     Of a mirrored cloth it tells the mirrored detail, exactly.
-
-    Raises:
-        ValueError: a width that the compiled network does not have.
     """
 
     def __init__(self, width: int, layers: int, periodic: bool) -> None:
         super().__init__()
-        if width % 4 or width > 256:
-            raise ValueError(f"width must be 4, 8, ... 256, got {width}")
         sizes = [CHANNELS, *[width] * layers, 3 * SCALE**2]
         ends = torch.from_numpy(MIRROR), torch.tensor([1.0, 1.0, -1.0]).repeat_interleave(SCALE**2)
         signs = pairwise([ends[0], *[None] * layers, ends[1]])

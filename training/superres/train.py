@@ -92,7 +92,11 @@ def restarted(scene: str, cache: Path) -> Data:
     """Runs of a closure's coarse cloth from the truth."""
     fine = World(scene).scene
     found = {split: restarts.restarts(scene, seeds, cache) for split, seeds in zip(SPLITS, restarts.SEEDS, strict=True)}
-    about = f"miniature restarted from truth at frames {restarts.STARTS}, {restarts.AFTER} frames each"
+    learnt, unseen = (f"{seeds[0]} to {seeds[-1]}" for seeds in restarts.SEEDS)
+    about = (
+        f"miniature restarted from truth at frames {restarts.STARTS}, {restarts.AFTER} frames each; seeds {learnt}, "
+        f"unseen {unseen}; actions {', '.join(restarts.POLICIES)} in turn"
+    )
     key = digest(*(found[SPLITS[0]][name] for name in sorted(found[SPLITS[0]])))
     return Data(lambda split: restarts.frames_of(fine, found[split]), fine, restarts.SCALING, key, about)
 
