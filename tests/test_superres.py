@@ -440,7 +440,9 @@ def test_a_published_training_does_not_take_what_is_of_other_pairs(
             published.run(["all"], one, one, 1.0, tmp_path, scene)
 
 
-@pytest.mark.parametrize("option", [{"width": 5}, {"width": 6}, {"layers": 0}, {"steps": 0}, {"windows": -1}, {"strain": -1.0}])
+@pytest.mark.parametrize(
+    "option", [{"width": 5}, {"width": 6}, {"layers": 0}, {"steps": 0}, {"windows": -1}, {"strain": -1.0}]
+)
 def test_a_recipe_of_nothing_is_refused(option: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=f"{next(iter(option))} must be"):
         Recipe(**option)
