@@ -2,7 +2,7 @@
 
 python examples/train_ppo.py Hanging-v1 --out hanging.pt && minicloth evaluate hanging.pt --scene Hanging-v1
 
-Stages are shares of all frames, so that few are the reference's; each goes on with the policy of the last.
+Stages are shares of all frames, few of the reference; each goes on with the policy of the last.
 """
 
 import argparse
@@ -17,10 +17,11 @@ from torch import nn
 
 import cloth_envs
 
-MEMBERS, STEPS, EPOCHS, BATCH = 32, 32, 6, 256
-HORIZON, TRACE, CLIP, RATE, FASTER = 4 / 3, 0.8, 0.2, 2e-3, 5.0  # the first two in seconds; noise learns FASTER
+MEMBERS, STEPS, EPOCHS, BATCH = 32, 128, 6, 512
+HORIZON, TRACE, CLIP, RATE, FASTER = 4 / 3, 0.8, 0.2, 1e-3, 5.0  # the first two in seconds; noise learns FASTER
 LASTING = 0.8  # share of an action's noise in the next one's (Hollenstein et al. 2024), which its probability knows
-SMOOTH = 2.0  # weight of how the policy's actions change from frame to frame, squared (Mysore et al. 2021)
+LEAST = 0.1, 0.02  # the noise's spread at least, at first and at last: with less, gains tell of chance, not of actions
+SMOOTH = 1.0, 0.3  # weight of how the policy's actions change from frame to frame, squared (Mysore et al. 2021)
 
 
 def stages(scene: str) -> list[tuple[str, dict[str, Any], float]]:
@@ -42,8 +43,8 @@ class Agent(nn.Module):
         actions, told = len(task.actions), len(task.extras)
         self.hidden = np.where(np.arange(seen) < seen - told, np.inf, 0)  # keypoints, which shake in their plane
         self.actor, self.critic = network(seen, actions, 0.01), network(seen, 1, 1.0)
-        self.slow = nn.Parameter(torch.full((actions,), -0.5 / FASTER))  # logarithm of the noise's spread
-        self.seen, self.earned = RunningMeanStd(shape=(seen,)), RunningMeanStd()
+        self.slow = nn.Parameter(torch.full((actions,), -0.5 / FASTER))  # logarithm of what is over the least
+        self.least, self.seen, self.earned = LEAST[0], RunningMeanStd(shape=(seen,)), RunningMeanStd()
 
     def scale(self) -> dict[str, np.ndarray]:
         return {"mean": self.seen.mean, "spread": (self.seen.var + 1e-8) ** 0.5 + self.hidden}
@@ -52,9 +53,12 @@ class Agent(nn.Module):
         mean, spread = self.scale().values()
         return torch.as_tensor(((seen - mean) / spread).clip(-10, 10), dtype=torch.float32)
 
+    def spread(self) -> torch.Tensor:
+        return self.least + (FASTER * self.slow).exp()
+
     def log_probability(self, x: torch.Tensor, actions: torch.Tensor, lasting: torch.Tensor) -> torch.Tensor:
-        new = (actions - self.actor(x)) / (FASTER * self.slow).exp() - lasting
-        return -(new**2 / (2 - 2 * LASTING**2) + FASTER * self.slow).sum(-1)
+        new = (actions - self.actor(x)) / self.spread() - lasting
+        return -(new**2 / (2 - 2 * LASTING**2) + self.spread().log()).sum(-1)
 
     def weights(self) -> dict[str, torch.Tensor]:  # as ``minicloth evaluate`` reads them
         return {name: torch.as_tensor(part) for name, part in self.scale().items()} | self.actor.state_dict()
@@ -66,8 +70,7 @@ class Players:
     def __init__(self, scene: str, backend: str, options: dict[str, Any], seed: int) -> None:
         ours = {"autoreset_mode": "Disabled", "desync": True, "backend": backend, "backend_kwargs": options}
         self.env = gym.make_vec(cloth_envs.env_id(scene), num_envs=MEMBERS, **ours)
-        self.seen, _ = self.env.reset(seed=seed)
-        self.task = self.env.unwrapped.task
+        self.seen, self.task = self.env.reset(seed=seed)[0], self.env.unwrapped.task
         self.discount, self.trace = (1 - self.task.frame_dt / seconds for seconds in (HORIZON, TRACE))
         self.sums, self.failed, self.noise = np.zeros(MEMBERS), 0, torch.randn(self.env.action_space.shape)
 
@@ -77,10 +80,9 @@ class Players:
         frames: list[tuple[Any, ...]] = []
         for _ in range(STEPS):
             agent.seen.update(self.seen)
-            x = agent.scaled(self.seen)
-            lasting = LASTING * self.noise
+            x, lasting = agent.scaled(self.seen), LASTING * self.noise
             self.noise = lasting + (1 - LASTING**2) ** 0.5 * torch.randn_like(lasting)
-            actions = agent.actor(x) + (FASTER * agent.slow).exp() * self.noise
+            actions = agent.actor(x) + agent.spread() * self.noise
             self.seen, rewards, terminated, truncated, _ = self.env.step(actions.clamp(-1, 1).numpy())
             ended, self.failed = terminated | truncated, self.failed + int(terminated.sum())
             self.sums = self.discount * self.sums + rewards
@@ -98,8 +100,8 @@ class Players:
             surprise = scaled[t].float() + self.discount * after[t] - values[t]
             ahead = gains[t] = surprise + self.discount * self.trace * ~ended[t] * ahead
         then = torch.where(ended[:, :, None], x, torch.cat([x[1:], x[-1:]]))
-        data = (x, then, actions, lasting, told, gains, gains + values)
-        return [part.flatten(0, 1) for part in data], float(rewards.mean())
+        data = [part.flatten(0, 1) for part in (x, then, actions, lasting, told, gains, gains + values)]
+        return data, float(rewards.mean())
 
 
 def learn(agent: Agent, optimizer: torch.optim.Optimizer, data: list[torch.Tensor], done: float) -> None:
@@ -110,18 +112,19 @@ def learn(agent: Agent, optimizer: torch.optim.Optimizer, data: list[torch.Tenso
             gain = (gain - gain.mean()) / (gain.std() + 1e-8)
             ratio = (agent.log_probability(x, actions, lasting) - told).exp()
             better = torch.minimum(ratio * gain, ratio.clamp(1 - CLIP, 1 + CLIP) * gain).mean()
-            rough = (agent.actor(then) - agent.actor(x)).square().mean()
-            loss = 0.5 * (agent.critic(x)[:, 0] - goal).square().mean() + SMOOTH * rough - better
+            rough = (agent.actor(then) - agent.actor(x)).square().mean() * np.interp(done, (0, 1), SMOOTH)
+            loss = 0.5 * (agent.critic(x)[:, 0] - goal).square().mean() + rough - better
             optimizer.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(agent.parameters(), 0.5)
             optimizer.step()
+    agent.least = np.interp(done, (0, 1), LEAST)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", choices=list(cloth_envs.EPISODE_FRAMES))
-    parser.add_argument("--frames", type=int, default=400_000, help="of all stages and members (default 400000)")
+    parser.add_argument("--frames", type=int, default=600_000, help="of all stages and members (default 600000)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", default="policy.pt")
     options = parser.parse_args()

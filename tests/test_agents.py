@@ -76,7 +76,7 @@ def test_a_mixed_schedule_has_the_physics_of_the_example() -> None:
 @pytest.mark.parametrize("smooth", [True, False])
 def test_answers_that_change_from_frame_to_frame_are_made_calm(smooth: bool) -> None:
     ppo = agents.example()
-    ppo.SMOOTH *= smooth
+    ppo.SMOOTH = tuple(smooth * weight for weight in ppo.SMOOTH)
     torch.manual_seed(0)
     agent = ppo.Agent(SimpleNamespace(actions=("a",), extras=("b",) * 4), 4)
     torch.nn.init.orthogonal_(agent.actor[4].weight, 2.0)
@@ -143,4 +143,4 @@ def test_frames_of_the_reference_are_counted() -> None:
     training = agents.Training()
     points = list(training.run("Pressure", [("reference", {}, 1.0)], 0, 0.1, 1))
     assert points == [1]
-    assert training.reference_frames == training.frames == 32 * 32
+    assert training.reference_frames == training.frames == 32 * 128

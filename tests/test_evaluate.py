@@ -306,7 +306,7 @@ def test_the_example_learns_and_its_policy_is_evaluated(tmp_path: Path) -> None:
     pytest.importorskip("torch", reason="needs the extra 'train'")
     path, policy = ROOT / "examples" / "train_ppo.py", tmp_path / "policy.pt"
     assert len(path.read_text().splitlines()) <= 150
-    command = [sys.executable, str(path), "Pressure", "--frames", "12000", "--out", str(policy)]
+    command = [sys.executable, str(path), "Pressure", "--frames", "48000", "--out", str(policy)]
     said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     rewards = [float(reward) for reward in re.findall(r"([\d.]+) a frame", said)]
     assert "reference {}" in said
