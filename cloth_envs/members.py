@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 class OneCloth:
     """What is read of one member of ``world``."""
 
+    __slots__ = ()
     world: World
 
     @property
@@ -62,6 +63,8 @@ class OneCloth:
 
 class Member(OneCloth):
     """Member ``index`` of a vector environment, by the words of a single one: what ``call`` and ``get_attr`` reach."""
+
+    __slots__ = ("_env", "_index")  # setting another raises AttributeError
 
     def __init__(self, env: "ClothVectorEnv", index: int) -> None:
         self._env, self._index = env, index

@@ -65,6 +65,7 @@ LINES = {
     """command("bench", "gpu", "--quick")""": ("2 minicloth: ", "train"),
     """gym.make("MiniCloth-Curtain-v0", backend="own_backend:Springs")""": ("ImportError", "train"),
     """gym.make("MiniCloth-Flag-v0", backend_kwargs={"solver": "implicit"}).reset()""": ("ImportError", "implicit"),
+    """__import__("cloth_envs.stable_baselines")""": ("ImportError", "rl"),
     "drawn()": ("ImportError", "render"),
     """command("compare", "Flag")""": ("2 minicloth: ", "render"),
     """command("compare", "Curtain", "--backend", "own_backend:Springs")""": ("2 minicloth: ", "train"),
