@@ -16,7 +16,7 @@ try:
 except ImportError as error:
     raise ImportError(missing("cloth_envs.stable_baselines", error)) from error
 
-CHOSEN = {"autoreset_mode": "SameStep", "output": "numpy"}
+CHOSEN: dict[str, Any] = {"autoreset_mode": "SameStep", "output": "numpy"}
 
 
 class ClothVecEnv(VecEnv):

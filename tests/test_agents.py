@@ -19,7 +19,7 @@ from cloth_envs.agents import LEARNED, NETWORKS, load_policy
 from cloth_envs.commands.cli import main
 from cloth_envs.evaluation import play
 from training.bench.agents import run as agents
-from training.bench.agents.rows import AgentRow, FloorRow, costs, interquartile, last, normalised, table
+from training.bench.agents.rows import MIXED_SAC, AgentRow, FloorRow, costs, interquartile, last, normalised, table
 from training.rows import read_rows
 
 ROW = AgentRow("Flag", "mixed", 0, 1, 50.0, 1000, 40, 0.3, 0.5, 0.01, 0.02, 0)
@@ -137,6 +137,29 @@ def test_networks_that_ship_are_as_their_cards_say(capsys: pytest.CaptureFixture
     assert "mean reward" in capsys.readouterr().out
     with pytest.raises(ValueError, match="no network ships for Flag, there are"):
         load_policy(LEARNED, "Flag")
+
+
+def test_sac_learns_what_it_plays_and_plays_noise_that_lasts() -> None:
+    pytest.importorskip("stable_baselines3", reason="needs the extra 'rl'")
+    learner = agents.learner_of(MIXED_SAC)
+    for number, (backend, options) in enumerate([("miniature", {"factor": 4}), ("reference", {})]):
+        learner.begin("Pressure", backend, options, number)
+        assert learner.go_on(0.5 * number) == 2048
+        assert learner.end() == 0
+    model, policy, env, hidden = learner.model, learner.policy(), learner.env, learner.told.hidden
+    assert model.replay_buffer.size() == 2 * 2048 / 32  # what it played on the first is kept
+    assert model.actor.optimizer.param_groups[0]["lr"] == pytest.approx(0.55e-3)
+    seen = np.random.default_rng(0).normal(size=(64, learner.told.venv.observation_space.shape[0]))
+    told = env.normalize_obs(seen[:, hidden:])
+    np.testing.assert_allclose(policy(seen), model.predict(told, deterministic=True)[0], atol=1e-5)
+    seen[:, :hidden] += 1.0  # keypoints, which it does not see
+    np.testing.assert_allclose(policy(seen), model.predict(told, deterministic=True)[0], atol=1e-5)
+    still = np.repeat(told[:1], 256, axis=0)
+    model.noise = torch.zeros(())
+    played = np.arctanh(np.array([model.predict(still)[0] for _ in range(200)], np.float64))
+    played -= played.mean(0)
+    lasting = (played[1:] * played[:-1]).mean() / played.var()
+    assert lasting == pytest.approx(0.8, abs=0.02)  # a standard error of 51,200 numbers that last is 0.003
 
 
 def test_frames_of_the_reference_are_counted() -> None:

@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 
 from cloth_envs.style import COLORS, INK
-from training.bench.agents.rows import FLOOR_STEM, HAND, REFERENCE, STEM, ZERO, AgentRow
+from training.bench.agents.rows import FLOOR_STEM, HAND, MIXED, MIXED_SAC, REFERENCE, STEM, ZERO, AgentRow
 from training.bench.charts import SOFT, dress, grid, legend, save
 
-KNOWN = {REFERENCE: COLORS[0], "miniature x2": COLORS[1], "miniature x4": INK, "mixed": COLORS[2]}
+KNOWN = {REFERENCE: COLORS[0], "miniature x2": COLORS[1], "miniature x4": INK, MIXED: COLORS[2], MIXED_SAC: COLORS[1]}
 DASHES = {ZERO: (0, (1, 2)), HAND: (0, (4, 2))}
 NOTE = (
-    "One policy network and one learner (examples/train_ppo.py) in all; reward on the reference, held-out seeds, which "
-    "the time does not hold. Thin lines are single trainings, thick ones their mean. Upper left is better."
+    "Networks of one size and one learner, PPO (examples/train_ppo.py), or SAC where it is named; reward on the "
+    "reference, held-out seeds, which the time does not hold. Thin lines are single trainings, thick ones their mean. "
+    "Upper left is better."
 )
 
 

@@ -9,7 +9,7 @@ from scipy.stats import trim_mean
 from cloth_envs.evaluation import Interval
 
 STEM, FLOOR_STEM = "agents", "agents_floors"
-REFERENCE, MIXED, ZERO, HAND = "reference", "mixed", "zero", "controller"
+REFERENCE, MIXED, MIXED_SAC, ZERO, HAND = "reference", "mixed", "mixed sac", "zero", "controller"
 DRAWS = 2000  # of the bootstrap
 
 

@@ -1,18 +1,17 @@
 """``minicloth bench agents``: what the shipped example's agents earn on the reference, by what they were trained on.
 
 Every training has the same processor time, the learner of ``examples/train_ppo.py``, and a schedule of physics: one
-alone, or miniatures first and the reference last. At some points of it the policy plays held-out seeds on the
-reference, which its time does not hold. Run it with OMP_NUM_THREADS=1.
+alone, or miniatures first and the reference last, which ``mixed sac`` has with SAC of Stable-Baselines3. At some points
+of it the policy plays held-out seeds on the reference, which its time does not hold. Run it with OMP_NUM_THREADS=1.
 """
 
 import argparse
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
-from importlib.util import module_from_spec, spec_from_file_location
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import process_time
-from typing import Any
+from typing import Any, Protocol
 
 import torch
 from safetensors.numpy import save
@@ -24,10 +23,12 @@ from cloth_envs.naming import REVISED
 from cloth_envs.progress import progress
 from cloth_envs.registry import EPISODE_FRAMES, SCENES
 from training.bench.agents.chart import draw
+from training.bench.agents.ppo import Ppo, example
 from training.bench.agents.rows import (
     FLOOR_STEM,
     HAND,
     MIXED,
+    MIXED_SAC,
     REFERENCE,
     STEM,
     ZERO,
@@ -39,13 +40,14 @@ from training.bench.agents.rows import (
 from training.bench.benchmark import Benchmark, Part, RowFile, Session
 from training.rows import read_names, rounded
 
-EXAMPLE = Path(__file__).parents[3] / "examples" / "train_ppo.py"
 Stage = tuple[str, dict[str, Any], float]  # backend, its options, share of the time
 X4: tuple[str, dict[str, Any]] = ("miniature", {"factor": 4})
 X2: tuple[str, dict[str, Any]] = ("miniature", {"factor": 2})
+OF_EXAMPLE: Sequence[Stage] = [(*X4, 0.65), (*X2, 0.25), ("reference", {}, 0.1)]  # but its physics
 SCHEDULES: dict[str, Sequence[Stage]] = {
     "miniature x4": [(*X4, 1.0)],
-    MIXED: [(*X4, 0.65), (*X2, 0.25), ("reference", {}, 0.1)],  # of the example's physics
+    MIXED: OF_EXAMPLE,
+    MIXED_SAC: OF_EXAMPLE,
     "miniature x2": [(*X2, 1.0)],
     REFERENCE: [("reference", {}, 1.0)],
 }
@@ -66,20 +68,40 @@ class Work:
     frames: int | None = None
 
 
-def example() -> Any:
-    """The module of the example. Raises ValueError: it is not there, as outside of a checkout."""
-    spec = spec_from_file_location("train_ppo", EXAMPLE)
-    if not EXAMPLE.is_file() or spec is None or spec.loader is None:
-        raise ValueError(f"{EXAMPLE} is missing: bench agents runs in a checkout")
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+class Learner(Protocol):
+    """What trains a policy, from physics to physics."""
+
+    what: str  # of cards
+
+    def begin(self, scene: str, backend: str, options: dict[str, Any], seed: int) -> None:
+        """Go over to other physics, whose members draw by ``seed``."""
+
+    def go_on(self, done: float) -> int:
+        """Play and learn for a while, ``done`` being the share of the training that is over; frames played."""
+
+    def end(self) -> int:
+        """Leave the physics; episodes that failed in it."""
+
+    def weights(self) -> dict[str, torch.Tensor]:
+        """Of the policy, as ``load_policy`` reads them."""
+
+    def policy(self) -> Policy:
+        """What it does now, without noise."""
+
+
+def learner_of(schedule: str) -> Learner:
+    """A new one. Raises ImportError: Stable-Baselines3, which SAC is of, is missing."""
+    if schedule != MIXED_SAC:
+        return Ppo()
+    from training.bench.agents.sac import Sac
+
+    return Sac()
 
 
 def stages_of(schedule: str, scene: str) -> Sequence[Stage]:
     """Those of a schedule; a mixed one has the example's physics of this scene."""
     stages = SCHEDULES[schedule]
-    if schedule != MIXED:
+    if stages is not OF_EXAMPLE:
         return stages
     own = example().stages(scene)
     return [(backend, options, share) for (backend, options, _), (*_, share) in zip(own, stages, strict=True)]
@@ -87,9 +109,9 @@ def stages_of(schedule: str, scene: str) -> Sequence[Stage]:
 
 @dataclass
 class Training:
-    """One training as far as it is: its agent, processor time [s], frames, those of the reference, failures."""
+    """One training as far as it is: its learner, processor time [s], frames, those of the reference, failures."""
 
-    agent: Any = None
+    learner: Learner = field(default_factory=Ppo)
     seconds: float = 0.0
     frames: int = 0
     reference_frames: int = 0
@@ -97,36 +119,22 @@ class Training:
 
     def run(self, scene: str, stages: Sequence[Stage], seed: int, budget: float, points: int) -> Iterator[int]:
         """Train, and stop at each of ``points`` even parts of the ``budget`` [s]."""
-        ppo, until, point = example(), 0.0, 1
+        until, point = 0.0, 1
         torch.manual_seed(seed)
         for number, (backend, options, share) in enumerate(stages):
-            players = ppo.Players(scene, backend, {**options, "threads": 1}, 10_000 * (seed + 1) + 1_000 * number)
+            self.learner.begin(scene, backend, {**options, "threads": 1}, 10_000 * (seed + 1) + 1_000 * number)
             until += share * budget
-            if self.agent is None:
-                self.agent = ppo.Agent(players.task, players.seen.shape[1])
-                optimizer = torch.optim.Adam(self.agent.parameters(), eps=1e-5)
             while self.seconds < until - 1e-9:
                 began = process_time()
-                data, _ = players.play(self.agent)
-                ppo.learn(self.agent, optimizer, data, min(self.seconds / budget, 1.0))
+                frames = self.learner.go_on(min(self.seconds / budget, 1.0))
                 self.seconds += process_time() - began
-                self.frames += len(data[0])
-                self.reference_frames += len(data[0]) * (backend == "reference")
+                self.frames += frames
+                self.reference_frames += frames * (backend == "reference")
                 if point < points and self.seconds >= point * budget / points:
                     yield point
                     point += 1
-            self.failed += players.failed
-            players.env.close()
+            self.failed += self.learner.end()
         yield points
-
-    def policy(self) -> Policy:
-        """What it does now, without noise."""
-
-        def act(seen: Any) -> Any:
-            with torch.no_grad():
-                return self.agent.actor(self.agent.scaled(seen)).numpy()
-
-        return act
 
 
 def fill(session: Session, scene: str, schedule: str, seed: int, work: Work) -> None:
@@ -138,14 +146,16 @@ def fill(session: Session, scene: str, schedule: str, seed: int, work: Work) -> 
             floors.add(FloorRow(scene, who, round(found.reward.mean(), 4), round(found.success.mean(), 4)))
     if (scene, schedule, seed, work.points) in store:
         return
-    training, stages, rows = Training(), stages_of(schedule, scene), []
+    training, stages, rows = Training(learner_of(schedule)), stages_of(schedule, scene), []
     for point in training.run(scene, stages, seed, work.seconds, work.points):
         seeds = CERTIFIED if point == work.points else HELD_OUT
-        true = play(scene, training.policy(), seeds, frames=work.frames)
+        true = play(scene, training.learner.policy(), seeds, frames=work.frames)
         gap = (0.0, 0.0)
         if point == work.points and stages[0][0] != "reference":
             backend, options, _ = stages[0]
-            own = play(scene, training.policy(), seeds, frames=work.frames, backend=backend, backend_kwargs=options)
+            own = play(
+                scene, training.learner.policy(), seeds, frames=work.frames, backend=backend, backend_kwargs=options
+            )
             verdict = Verdict(own, true)
             gap = verdict.gap.mean, verdict.gap.half
         cost = round(training.seconds, 1), training.frames, training.reference_frames
@@ -154,13 +164,13 @@ def fill(session: Session, scene: str, schedule: str, seed: int, work: Work) -> 
     store.add(*rows)
     if session.given.policies is not None:
         name = scene if seed == 0 else f"{scene}_{seed}"
-        keep(training.agent, rows[-1], session.given.policies / f"{name}.safetensors", stages)
+        keep(training.learner, rows[-1], session.given.policies / f"{name}.safetensors", stages)
 
 
-def keep(agent: Any, row: AgentRow, path: Path, stages: Sequence[Stage]) -> None:
+def keep(learner: Learner, row: AgentRow, path: Path, stages: Sequence[Stage]) -> None:
     """Write a policy, for ``load_policy``, and beside it a card with what was measured of it."""
-    write_bytes(path, save({name: value.float().numpy() for name, value in agent.weights().items()}))
-    card = {"what": "policy of examples/train_ppo.py, 64 x 64", "licence": "MIT", "stages, shares of the time": stages}
+    write_bytes(path, save({name: value.float().numpy() for name, value in learner.weights().items()}))
+    card = {"what": learner.what, "licence": "MIT", "stages, shares of the time": stages}
     write_text(path.with_suffix(".json"), json.dumps(card | asdict(row), indent=1) + "\n")
 
 
