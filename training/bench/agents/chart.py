@@ -10,7 +10,7 @@ from cloth_envs.style import COLORS, INK
 from training.bench.agents.rows import FLOOR_STEM, HAND, MIXED, MIXED_SAC, REFERENCE, STEM, ZERO, AgentRow
 from training.bench.charts import SOFT, dress, grid, legend, save
 
-KNOWN = {REFERENCE: COLORS[0], "miniature x2": COLORS[1], "miniature x4": INK, MIXED: COLORS[2], MIXED_SAC: COLORS[1]}
+KNOWN = {REFERENCE: COLORS[0], "miniature x2": COLORS[1], "miniature x4": INK, MIXED: COLORS[2], MIXED_SAC: COLORS[4]}
 DASHES = {ZERO: (0, (1, 2)), HAND: (0, (4, 2))}
 NOTE = (
     "Networks of one size and one learner, PPO (examples/train_ppo.py), or SAC where it is named; reward on the "
