@@ -19,7 +19,7 @@ from cloth_envs.scene import Scene
 from cloth_envs.state import State
 from cloth_envs.style import INK
 
-CAPTION_HEIGHT = 34  # pixels kept free for a caption
+CAPTION_HEIGHT = 50  # pixels kept free for a caption of two lines
 LIBRARIES = "apt-get install libegl1 libgl1 libgl1-mesa-dri libxrender1"  # what a bare Linux lacks
 
 
