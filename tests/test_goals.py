@@ -146,6 +146,24 @@ def test_a_goal_is_inside_the_pictures_of_a_rollout() -> None:
     assert (seen @ np.array(camera.up) >= (2 * below - 1) * tall).all()
 
 
+def test_the_wind_s_arrow_lies_above_the_caption() -> None:
+    """It stays near the camera where the pole is walked away from it."""
+    world = World("Flag", resolution=(13, 17))
+    world.reset({0: np.random.default_rng(0)})
+    near, far = world.state.copy(), world.state.copy()
+    towards = fixed_camera(world.scene, [[near]], aspect=4 / 3).towards[:2]
+    towards /= np.linalg.norm(towards)
+    far.positions[:, :2] -= 3 * towards[:, None, None]
+    near.wind[:, :2] = far.wind[:, :2] = 4 * towards
+    camera = fixed_camera(world.scene, [[near, far]], aspect=4 / 3, below=34 / 480)
+    renderer = Renderer(world.scene, camera=camera, captions=["reward"])
+    picture = [renderer.draw(state).astype(int) for state in (near, far)][1]
+    renderer.close()
+    arrow = picture[..., 2] - picture[..., 0] > 80
+    assert arrow.sum() > 200
+    assert not arrow[-34:].any()
+
+
 def test_the_longest_caption_fits(tmp_path: Path) -> None:
     rollout(
         "BallDrop-v1", frames=1, seed=0, policy="zero", video=None, images=str(tmp_path), hdf5=None, strain=False,

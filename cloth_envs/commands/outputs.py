@@ -156,7 +156,7 @@ def as_png(picture: np.ndarray) -> bytes:
 def fixed_camera(
     scene: Scene, runs: Sequence[Sequence[State]], *, aspect: float, below: float = 0.0, marks: Sequence[Mark] = ()
 ) -> Camera:
-    """A camera that shows all of ``runs`` from start to end, each at a resolution of its own, and ``marks``.
+    """A camera that shows all of ``runs`` from start to end, each at a resolution of its own, arrows and ``marks``.
 
     ``aspect`` is the picture's width over its height; ``below`` the share of the height to keep free under them.
     """
@@ -165,9 +165,14 @@ def fixed_camera(
         own = framing.at_resolution(scene, states[0].positions.shape[2:])
         lattice = own.grid.keypoints(min(9, own.grid.rows), min(9, own.grid.cols))
         ground = framing.reach(own, states[0])[0, 2]
+        under = np.array([*states[0].positions[0, :2].mean((1, 2)), ground])
         for state in states[:: max(1, len(states) // 40)]:
             points.append(state.positions[0].reshape(3, -1).T[lattice])
             points.append(np.array([[*framing.anchor(own, state, 0)[:2], ground]]))
+            speed = float(np.linalg.norm(state.wind[0]))
+            if own.windy and speed > 0:
+                tip = state.wind[0] / speed * framing.arrow_length(own, speed) / 2
+                points.append(under + np.stack([tip, -tip]))
             for body, ends in zip(scene.colliders, state.colliders[0], strict=True):
                 points += [end + body.radius * AROUND for end in ends if body.radius]
     for mark in marks:

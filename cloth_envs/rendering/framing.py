@@ -12,6 +12,7 @@ from cloth_envs.state import State
 VIEW_ANGLE = 28.0  # degrees, vertical
 FILL = 0.90  # fraction of the picture that the scene may fill
 SLACK = 0.25  # fraction of the cloth's size that handles or bodies may move before the camera follows
+ARROW = 0.6  # of the cloth's size, length of the arrow of the fastest wind
 TURN_ROUND = 0.6  # of a flag's length that is kept free around its pole
 FLOOR_GAP = {"pole": 0.0, "rail": 0.03, "frame": 0.0, "belt": 0.25, "pins": 0.15, "free": 0.0}  # of the cloth's size
 WORN_GAP = 0.07  # the same under a body that wears the cloth
@@ -140,6 +141,13 @@ def anchor(scene: Scene, state: State, member: int) -> np.ndarray:
         return state.positions[member].reshape(3, -1)[:, list(scene.pins)].mean(1).astype(float)
     bodies = [ends.mean(0) for body, ends in zip(scene.colliders, state.colliders[member], strict=True) if body.radius]
     return np.mean(bodies, 0).astype(float) if bodies else np.zeros(3)
+
+
+def arrow_length(scene: Scene, speed: float) -> float:
+    """Length [m] of the arrow of a wind [m/s]: as the root of its speed; ``scene`` is windy."""
+    assert scene.air is not None
+    longest = ARROW * max(scene.grid.width, scene.grid.height)
+    return float(longest * min(np.sqrt(speed / scene.air.max_wind), 1.0))
 
 
 def together(

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from cloth_envs.rendering import look
-from cloth_envs.rendering.framing import support
+from cloth_envs.rendering.framing import arrow_length, support
 from cloth_envs.scene import Scene
 
 
@@ -140,8 +140,8 @@ class Arrow:
     """The wind, drawn over the ground under the cloth: along it, its length as the root of the speed."""
 
     def __init__(self, pv: Any, plotter: Any, scene: Scene) -> None:
-        self.fastest = scene.air.max_wind if scene.air else 0.0
-        self.length = 0.6 * max(scene.grid.width, scene.grid.height)
+        self.scene, self.fastest = scene, scene.air.max_wind if scene.air else 0.0
+        self.length = arrow_length(scene, self.fastest)
         self.centre = np.zeros(3)
         mesh = pv.Arrow(tip_length=0.32, tip_radius=0.085, shaft_radius=0.03, tip_resolution=24, shaft_resolution=16)
         self.actor = plotter.add_mesh(mesh, color=look.ARROW, **look.SOLID)
@@ -155,7 +155,7 @@ class Arrow:
         speed = float(np.linalg.norm(wind))
         self.actor.visibility = speed > 0.01 * self.fastest
         if self.actor.visibility:
-            length = self.length * min(np.sqrt(speed / self.fastest), 1.0)
+            length = arrow_length(self.scene, speed)
             x, y, z = axes_along(wind / speed)
             matrix = np.eye(4)
             centre = self.centre + along * [1, 1, 0]
