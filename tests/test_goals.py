@@ -17,6 +17,7 @@ from cloth_envs.commands.rollout import rollout
 from cloth_envs.marks import Mark, ghost
 from cloth_envs.presets import PRESETS
 from cloth_envs.rendering import Renderer
+from cloth_envs.rendering.canvas import CAPTION_HEIGHT
 from cloth_envs.rendering.framing import VIEW_ANGLE
 from cloth_envs.world import World
 
@@ -155,13 +156,13 @@ def test_the_wind_s_arrow_lies_above_the_caption() -> None:
     towards /= np.linalg.norm(towards)
     far.positions[:, :2] -= 3 * towards[:, None, None]
     near.wind[:, :2] = far.wind[:, :2] = 4 * towards
-    camera = fixed_camera(world.scene, [[near, far]], aspect=4 / 3, below=34 / 480)
+    camera = fixed_camera(world.scene, [[near, far]], aspect=4 / 3, below=CAPTION_HEIGHT / 480)
     renderer = Renderer(world.scene, camera=camera, captions=["reward"])
     picture = [renderer.draw(state).astype(int) for state in (near, far)][1]
     renderer.close()
     arrow = picture[..., 2] - picture[..., 0] > 80
     assert arrow.sum() > 200
-    assert not arrow[-34:].any()
+    assert not arrow[-CAPTION_HEIGHT:].any()
 
 
 def test_the_longest_caption_fits(tmp_path: Path) -> None:
