@@ -166,4 +166,4 @@ def test_frames_of_the_reference_are_counted() -> None:
     training = agents.Training()
     points = list(training.run("Pressure", [("reference", {}, 1.0)], 0, 0.1, 1))
     assert points == [1]
-    assert training.reference_frames == training.frames == 32 * 128
+    assert training.reference_frames == training.frames == 32 * agents.example().STEPS[0]

@@ -43,7 +43,7 @@ from training.rows import read_names, rounded
 Stage = tuple[str, dict[str, Any], float]  # backend, its options, share of the time
 X4: tuple[str, dict[str, Any]] = ("miniature", {"factor": 4})
 X2: tuple[str, dict[str, Any]] = ("miniature", {"factor": 2})
-OF_EXAMPLE: Sequence[Stage] = [(*X4, 0.65), (*X2, 0.25), ("reference", {}, 0.1)]  # but its physics
+OF_EXAMPLE: Sequence[Stage] = [(*X4, 0.75), (*X2, 0.2), ("reference", {}, 0.05)]  # but its physics
 SCHEDULES: dict[str, Sequence[Stage]] = {
     "miniature x4": [(*X4, 1.0)],
     MIXED: OF_EXAMPLE,
