@@ -87,7 +87,7 @@ def test_answers_that_change_from_frame_to_frame_are_made_calm(smooth: bool) -> 
     change = [(agent.actor(then) - agent.actor(x)).square().mean().item()]
     optimizer = torch.optim.Adam(agent.parameters(), eps=1e-5)
     for _ in range(10):
-        ppo.learn(agent, optimizer, data, 0.0)
+        ppo.Players.learn(SimpleNamespace(rate=1e-3, calm=1.0), agent, optimizer, data, 0.0)
     change.append((agent.actor(then) - agent.actor(x)).square().mean().item())
     assert (change[1] < 0.1 * change[0]) == smooth
 
@@ -166,4 +166,4 @@ def test_frames_of_the_reference_are_counted() -> None:
     training = agents.Training()
     points = list(training.run("Pressure", [("reference", {}, 1.0)], 0, 0.1, 1))
     assert points == [1]
-    assert training.reference_frames == training.frames == 32 * agents.example().STEPS[0]
+    assert training.reference_frames == training.frames == 32 * 128
