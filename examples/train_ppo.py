@@ -1,9 +1,9 @@
 """Proximal policy optimisation (Schulman et al. 2017) that trains on cheap physics first and on the reference last.
 
-python examples/train_ppo.py Hanging-v1 --out hanging.pt && minicloth evaluate hanging.pt --scene Hanging-v1"""
+python examples/train_ppo.py Hanging-v1 --out hanging.pt && minicloth evaluate hanging.pt --scene Hanging-v1
+"""
 
 import argparse
-from time import process_time
 from typing import Any
 
 import gymnasium as gym
@@ -16,8 +16,7 @@ import cloth_envs
 
 MEMBERS, EPOCHS, BATCH, CLIP, FASTER = 32, 6, 512, 0.2, 5.0  # noise learns FASTER
 HORIZON, TRACE, LASTING = 4 / 3, 0.8, 0.8  # s, s, share of an action's noise in the next (Hollenstein et al. 2024)
-LEAST = 0.1, 0.02  # the noise's spread at least, at first and at last: with less, gains tell of chance, not of actions
-SMOOTH = 1.0, 0.3  # weight of how the policy's actions change from frame to frame, squared (Mysore et al. 2021)
+LEAST, SMOOTH = (0.1, 0.02), (1.0, 0.3)  # first, last: least noise, weight of changes squared (Mysore et al. 2021)
 USUAL = 128, 1e-3, 1.0, np.inf  # steps to an update, rate, noise at last, frames of no reward that end an episode
 OWN = {"BallDrop-v1": (64, 2e-3, 0.2, 10)}  # a cloth that has missed the ball finds it no more
 NEARER = {  # multipliers by factor, where what a controller earns on the usual miniature is not what it earns later
@@ -47,8 +46,7 @@ class Agent(nn.Module):
         self.hidden = np.where(np.arange(seen) < seen - told, np.inf, 0)  # keypoints, which shake in their plane
         self.actor, self.critic = network(seen, actions, 0.01), network(seen, 1, 1.0)
         self.slow = nn.Parameter(torch.full((actions,), -0.5 / FASTER))  # logarithm of what is over the least
-        self.least, self.calm = LEAST[0], 1.0
-        self.seen, self.earned = RunningMeanStd(shape=(seen,)), RunningMeanStd()
+        self.seen, self.earned, self.noise = RunningMeanStd(shape=(seen,)), RunningMeanStd(), [LEAST[0], 1.0]
 
     def scale(self) -> dict[str, np.ndarray]:
         return {"mean": self.seen.mean, "spread": (self.seen.var + 1e-8) ** 0.5 + self.hidden}
@@ -58,7 +56,7 @@ class Agent(nn.Module):
         return torch.as_tensor(((seen - mean) / spread).clip(-10, 10), dtype=torch.float32)
 
     def spread(self) -> torch.Tensor:
-        return self.least + self.calm * (FASTER * self.slow).exp()
+        return self.noise[0] + self.noise[1] * (FASTER * self.slow).exp()
 
     def log_probability(self, x: torch.Tensor, actions: torch.Tensor, lasting: torch.Tensor) -> torch.Tensor:
         new = (actions - self.actor(x)) / self.spread() - lasting
@@ -79,8 +77,7 @@ class Players:  # members of one physics, whose first episodes end at different 
         self.noise = torch.randn(self.env.action_space.shape)
 
     @torch.no_grad()
-    def play(self, agent: Agent) -> tuple[list[torch.Tensor], float]:
-        """Frames of scaled, next scaled, action, lasting noise, log probability, gain, goal; the mean reward."""
+    def play(self, agent: Agent) -> list[torch.Tensor]:  # what ``learn`` reads, of all frames
         frames: list[tuple[Any, ...]] = []
         for _ in range(self.steps):
             agent.seen.update(self.seen)
@@ -89,10 +86,8 @@ class Players:  # members of one physics, whose first episodes end at different 
             actions = agent.actor(x) + agent.spread() * self.noise
             self.seen, rewards, terminated, truncated, _ = self.env.step(actions.clamp(-1, 1).numpy())
             self.idle, self.failed = np.where(rewards < 0.02, self.idle + 1, 0), self.failed + int(terminated.sum())
-            ended, self.sums = (
-                terminated | truncated | (self.idle >= self.patience),
-                self.discount * self.sums + rewards,
-            )
+            ended = terminated | truncated | (self.idle >= self.patience)
+            self.sums = self.discount * self.sums + rewards
             agent.earned.update(self.sums)
             after = agent.critic(agent.scaled(self.seen))[:, 0] * ~torch.as_tensor(terminated)  # goes on, if cut
             frames.append((x, actions, lasting, after, rewards, ended, rewards / (agent.earned.var + 1e-8) ** 0.5))
@@ -104,13 +99,11 @@ class Players:  # members of one physics, whose first episodes end at different 
         told, values = agent.log_probability(x, actions, lasting), agent.critic(x)[..., 0]
         gains, ahead = torch.zeros_like(values), torch.zeros(MEMBERS)
         for t in reversed(range(self.steps)):
-            ahead = gains[t] = (
-                scaled[t].float() + self.discount * (after[t] + self.trace * ~ended[t] * ahead) - values[t]
-            )
+            later = self.discount * (after[t] + self.trace * ~ended[t] * ahead)
+            ahead = gains[t] = scaled[t].float() + later - values[t]
         then = torch.where(ended[:, :, None], x, torch.cat([x[1:], x[-1:]]))
-        return [p.flatten(0, 1) for p in (x, then, actions, lasting, told, gains, gains + values)], float(
-            rewards.mean()
-        )
+        self.reward = float(rewards.mean())
+        return [part.flatten(0, 1) for part in (x, then, actions, lasting, told, gains, gains + values)]
 
     def learn(self, agent: Agent, optimizer: torch.optim.Optimizer, data: list[torch.Tensor], done: float) -> None:
         optimizer.param_groups[0]["lr"] = self.rate * (1 - 0.9 * done)
@@ -126,7 +119,7 @@ class Players:  # members of one physics, whose first episodes end at different 
                 loss.backward()
                 nn.utils.clip_grad_norm_(agent.parameters(), 0.5)
                 optimizer.step()
-        agent.least, agent.calm = np.interp(done, (0, 1), LEAST), np.interp(done, (0, 1), (1.0, self.calm))
+        agent.noise = [np.interp(done, (0, 1), ends) for ends in (LEAST, (1.0, self.calm))]
 
 
 def main() -> None:
@@ -138,17 +131,17 @@ def main() -> None:
     options = parser.parse_args()
     torch.manual_seed(options.seed)
     torch.set_num_threads(1)
-    agent, optimizer, done, began = None, None, 0, process_time()
+    agent, optimizer, done = None, None, 0
     for number, (backend, own, share) in enumerate(stages(options.scene)):
         players = Players(options.scene, backend, own, 10_000 * (options.seed + 1) + 1_000 * number)
         until = done + share * options.frames
         agent = agent or Agent(players.task, players.seen.shape[1])
         optimizer = optimizer or torch.optim.Adam(agent.parameters(), eps=1e-5)
         while done < until:
-            data, reward = players.play(agent)
+            data = players.play(agent)
             players.learn(agent, optimizer, data, done / options.frames)
             done += len(data[0])
-            print(f"{process_time() - began:5.0f} s, {done} frames, {backend} {own}: {reward:.3f} a frame", flush=True)
+            print(f"{done} of {options.frames} frames, {backend} {own}: {players.reward:.3f} a frame", flush=True)
         players.env.close()
     torch.save(agent.weights(), options.out)
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from json import loads
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -71,6 +72,46 @@ def test_a_mixed_schedule_has_the_physics_of_the_example() -> None:
         assert [share for *_, share in stages] == shares
         assert [options.get("factor") for _, options, _ in stages] == [first, 2, None]
     assert agents.stages_of("miniature x4", "Skirt-v1") == agents.SCHEDULES["miniature x4"]
+    (_, near, _), (_, nearer, _), (_, last, _) = agents.stages_of(agents.MIXED, "Hanging-v1")
+    assert near == {"factor": 4, "scaling": "calibrated", "factors": {"compression": 0.01}}
+    assert (nearer["factors"], last) == ({"compression": 0.03}, {})
+
+
+@pytest.mark.parametrize(("patience", "least", "most"), [(3, 7, 8), (np.inf, 0, 1)])
+def test_episodes_of_no_reward_end_early(
+    patience: float, least: int, most: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ppo, masks = agents.example(), []
+    monkeypatch.setattr(ppo, "OWN", {"BallDrop-v1": (24, 1e-3, 1.0, patience)})
+    players = ppo.Players("BallDrop-v1", "miniature", {"factor": 4}, 0)
+    agent, step, reset = ppo.Agent(players.task, players.seen.shape[1]), players.env.step, players.env.reset
+
+    def no_reward(actions: np.ndarray) -> tuple[Any, ...]:
+        seen, rewards, *others = step(actions)
+        return seen, 0 * rewards, *others
+
+    def watched(options: dict[str, Any]) -> Any:
+        masks.append(options["reset_mask"].copy())
+        return reset(options=options)
+
+    monkeypatch.setattr(players.env, "step", no_reward)
+    monkeypatch.setattr(players.env, "reset", watched)
+    rows = players.play(agent)
+    players.env.close()
+    assert {len(part) for part in rows} == {24 * ppo.MEMBERS}
+    ended = np.sum([np.zeros(ppo.MEMBERS), *masks], axis=0)
+    assert (ended >= least).all()
+    assert (ended <= most).all()
+
+
+def test_noise_is_calmed_as_far_as_a_recipe_says() -> None:
+    ppo = agents.example()
+    torch.manual_seed(0)
+    agent = ppo.Agent(SimpleNamespace(actions=("a",), extras=("b",) * 4), 4)
+    optimizer, x = torch.optim.Adam(agent.parameters(), eps=1e-5), torch.randn(64, 4)
+    data = [x, x, torch.zeros(64, 1), torch.zeros(64, 1), *torch.zeros(3, 64)]
+    ppo.Players.learn(SimpleNamespace(rate=0.0, calm=0.2), agent, optimizer, data, 1.0)
+    assert agent.spread().item() == pytest.approx(0.02 + 0.2 * np.exp(-0.5))
 
 
 @pytest.mark.parametrize("smooth", [True, False])
