@@ -14,11 +14,11 @@ from torch import nn
 
 import cloth_envs
 
-MEMBERS, EPOCHS, BATCH, CLIP, FASTER = 32, 6, 512, 0.2, 5.0  # noise learns FASTER
+MEMBERS, EPOCHS, CLIP, FASTER = 32, 6, 0.2, 5.0  # noise learns FASTER
 HORIZON, TRACE, LASTING = 4 / 3, 0.8, 0.8  # s, s, share of an action's noise in the next (Hollenstein et al. 2024)
 LEAST, SMOOTH = (0.1, 0.02), (1.0, 0.3)  # first, last: least noise, weight of changes squared (Mysore et al. 2021)
-USUAL = 128, 1e-3, 1.0, np.inf  # steps to an update, rate, noise at last, frames of no reward that end an episode
-OWN = {"BallDrop-v1": (64, 2e-3, 0.2, 10)}  # a cloth that has missed the ball finds it no more
+USUAL = (128, 128), 8, 1e-3, 1.0, np.inf  # steps to an update (first, last), its batches, rate, noise at last, patience
+OWN = {"BallDrop-v1": ((64, 256), 4, 2e-3, 0.2, 10)}  # patience: frames without reward, as of a cloth that missed
 NEARER = {  # multipliers by factor, where what a controller earns on the usual miniature is not what it earns later
     "Hanging-v1": {4: {"compression": 0.01}, 2: {"compression": 0.03}},
     "Skirt-v1": {3: {"bend_stiffness": 2.0, "compression": 0.05}, 2: {"bend_stiffness": 2.0, "compression": 0.1}},
@@ -72,14 +72,14 @@ class Players:  # members of one physics, whose first episodes end at different 
         self.env = gym.make_vec(cloth_envs.env_id(scene), num_envs=MEMBERS, **ours)
         self.seen, self.task = self.env.reset(seed=seed)[0], self.env.unwrapped.task
         self.discount, self.trace = (1 - self.task.frame_dt / seconds for seconds in (HORIZON, TRACE))
-        self.steps, self.rate, self.calm, self.patience = OWN.get(scene, USUAL)
+        self.steps, self.batches, self.rate, self.calm, self.patience = OWN.get(scene, USUAL)
         self.failed, self.sums, self.idle = 0, *np.zeros((2, MEMBERS))
         self.noise = torch.randn(self.env.action_space.shape)
 
     @torch.no_grad()
-    def play(self, agent: Agent) -> list[torch.Tensor]:  # what ``learn`` reads, of all frames
+    def play(self, agent: Agent, done: float) -> list[torch.Tensor]:  # what ``learn`` reads, of all frames
         frames: list[tuple[Any, ...]] = []
-        for _ in range(self.steps):
+        for _ in range(round(np.interp(done, (0, 1), self.steps))):
             agent.seen.update(self.seen)
             x, lasting = agent.scaled(self.seen), LASTING * self.noise
             self.noise = lasting + (1 - LASTING**2) ** 0.5 * torch.randn_like(lasting)
@@ -98,7 +98,7 @@ class Players:  # members of one physics, whose first episodes end at different 
         x, actions, lasting, after, rewards, ended, scaled = (torch.stack([*map(torch.as_tensor, c)]) for c in columns)
         told, values = agent.log_probability(x, actions, lasting), agent.critic(x)[..., 0]
         gains, ahead = torch.zeros_like(values), torch.zeros(MEMBERS)
-        for t in reversed(range(self.steps)):
+        for t in reversed(range(len(frames))):
             later = self.discount * (after[t] + self.trace * ~ended[t] * ahead)
             ahead = gains[t] = scaled[t].float() + later - values[t]
         then = torch.where(ended[:, :, None], x, torch.cat([x[1:], x[-1:]]))
@@ -108,7 +108,7 @@ class Players:  # members of one physics, whose first episodes end at different 
     def learn(self, agent: Agent, optimizer: torch.optim.Optimizer, data: list[torch.Tensor], done: float) -> None:
         optimizer.param_groups[0]["lr"] = self.rate * (1 - 0.9 * done)
         for _ in range(EPOCHS):
-            for rows in torch.randperm(len(data[0])).split(BATCH):
+            for rows in torch.randperm(len(data[0])).chunk(self.batches):
                 x, then, actions, lasting, told, gain, goal = (part[rows] for part in data)
                 gain = (gain - gain.mean()) / (gain.std() + 1e-8)
                 ratio = (agent.log_probability(x, actions, lasting) - told).exp()
@@ -138,7 +138,7 @@ def main() -> None:
         agent = agent or Agent(players.task, players.seen.shape[1])
         optimizer = optimizer or torch.optim.Adam(agent.parameters(), eps=1e-5)
         while done < until:
-            data = players.play(agent)
+            data = players.play(agent, done / options.frames)
             players.learn(agent, optimizer, data, done / options.frames)
             done += len(data[0])
             print(f"{done} of {options.frames} frames, {backend} {own}: {players.reward:.3f} a frame", flush=True)

@@ -82,7 +82,7 @@ def test_episodes_of_no_reward_end_early(
     patience: float, least: int, most: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ppo, masks = agents.example(), []
-    monkeypatch.setattr(ppo, "OWN", {"BallDrop-v1": (24, 1e-3, 1.0, patience)})
+    monkeypatch.setattr(ppo, "OWN", {"BallDrop-v1": ((12, 36), 1, 1e-3, 1.0, patience)})
     players = ppo.Players("BallDrop-v1", "miniature", {"factor": 4}, 0)
     agent, step, reset = ppo.Agent(players.task, players.seen.shape[1]), players.env.step, players.env.reset
 
@@ -96,7 +96,7 @@ def test_episodes_of_no_reward_end_early(
 
     monkeypatch.setattr(players.env, "step", no_reward)
     monkeypatch.setattr(players.env, "reset", watched)
-    rows = players.play(agent)
+    rows = players.play(agent, 0.5)
     players.env.close()
     assert {len(part) for part in rows} == {24 * ppo.MEMBERS}
     ended = np.sum([np.zeros(ppo.MEMBERS), *masks], axis=0)
@@ -110,7 +110,7 @@ def test_noise_is_calmed_as_far_as_a_recipe_says() -> None:
     agent = ppo.Agent(SimpleNamespace(actions=("a",), extras=("b",) * 4), 4)
     optimizer, x = torch.optim.Adam(agent.parameters(), eps=1e-5), torch.randn(64, 4)
     data = [x, x, torch.zeros(64, 1), torch.zeros(64, 1), *torch.zeros(3, 64)]
-    ppo.Players.learn(SimpleNamespace(rate=0.0, calm=0.2), agent, optimizer, data, 1.0)
+    ppo.Players.learn(SimpleNamespace(batches=1, rate=0.0, calm=0.2), agent, optimizer, data, 1.0)
     assert agent.spread().item() == pytest.approx(0.02 + 0.2 * np.exp(-0.5))
 
 
@@ -128,7 +128,7 @@ def test_answers_that_change_from_frame_to_frame_are_made_calm(smooth: bool) -> 
     change = [(agent.actor(then) - agent.actor(x)).square().mean().item()]
     optimizer = torch.optim.Adam(agent.parameters(), eps=1e-5)
     for _ in range(10):
-        ppo.Players.learn(SimpleNamespace(rate=1e-3, calm=1.0), agent, optimizer, data, 0.0)
+        ppo.Players.learn(SimpleNamespace(batches=1, rate=1e-3, calm=1.0), agent, optimizer, data, 0.0)
     change.append((agent.actor(then) - agent.actor(x)).square().mean().item())
     assert (change[1] < 0.1 * change[0]) == smooth
 
@@ -140,7 +140,7 @@ def test_a_run_is_scored_at_its_points_and_goes_on_where_it_was(
     monkeypatch.setattr(agents, "CERTIFIED", range(2, 4))
     stages = [("miniature", {"factor": 4}, 0.5), ("miniature", {"factor": 3}, 0.5)]
     monkeypatch.setattr(agents, "SCHEDULES", {"one": [("miniature", {"factor": 4}, 1.0)], "both": stages})
-    work = agents.Work(2.0, 2, 3)
+    work = agents.Work(5.0, 2, 3)
     monkeypatch.setattr(agents, "Work", lambda *_: work)
     words = ["--scenes", "Pressure", "--schedules", "one,both", "--out", str(tmp_path), "--quick"]
     words += ["--policies", str(tmp_path / "policies")]

@@ -37,7 +37,7 @@ class Ppo:
             self.optimizer = torch.optim.Adam(self.agent.parameters(), eps=1e-5)
 
     def go_on(self, done: float) -> int:
-        data = self.players.play(self.agent)
+        data = self.players.play(self.agent, done)
         self.players.learn(self.agent, self.optimizer, data, done)
         return len(data[0])
 
