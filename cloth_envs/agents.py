@@ -21,10 +21,8 @@ from cloth_envs.policies import CONTROLLERS
 from cloth_envs.registry import load_task
 
 NAMED = ("zero", "random", "controller")
-LEARNED, NETWORKS = (
-    "ppo",
-    Path(__file__).parent / "networks",
-)  # a network that ships, made by ``minicloth bench agents``
+LEARNED, NETWORKS = "ppo", Path(__file__).parent / "networks"  # those that ship, made by ``minicloth bench agents``
+STAGES = "stages, shares of the time"  # of their cards
 
 
 def load_policy(name: str, scene: str) -> Policy:
@@ -58,6 +56,16 @@ def load_policy(name: str, scene: str) -> Policy:
             raise ValueError(f"{name} is no function of observations")
         return found
     raise unknown_name("policy (or module:function, .zip, .pt, .safetensors):", name, (*NAMED, LEARNED))
+
+
+def trained_on(name: str, scene: str) -> tuple[str, dict[str, Any]] | None:
+    """The physics that a policy began on, backend and options, as its card tells; None: it has none, as others."""
+    path = NETWORKS / f"{scene}.safetensors" if name == LEARNED else Path(name)
+    card = path.with_suffix(".json")
+    if path.suffix != ".safetensors" or not card.is_file():
+        return None
+    backend, options, _ = json.loads(card.read_text())[STAGES][0]
+    return backend, options
 
 
 def _shipped(scene: str) -> Policy:

@@ -1,6 +1,6 @@
 """Proximal policy optimisation (Schulman et al. 2017) that trains on cheap physics first and on the reference last.
 
-python examples/train_ppo.py Hanging-v1 --out hanging.pt && minicloth evaluate hanging.pt --scene Hanging-v1
+python examples/train_ppo.py Pressure-v1 --out pressure.pt && minicloth evaluate pressure.pt --scene Pressure-v1
 """
 
 import argparse
@@ -14,11 +14,11 @@ from torch import nn
 
 import cloth_envs
 
-MEMBERS, EPOCHS, CLIP, FASTER = 32, 6, 0.2, 5.0  # noise learns FASTER
+MEMBERS, EPOCHS, CLIP, FASTER = 32, 6, 0.2, 5.0  # the noise's spread learns FASTER
 HORIZON, TRACE, LASTING = 4 / 3, 0.8, 0.8  # s, s, share of an action's noise in the next (Hollenstein et al. 2024)
 LEAST, SMOOTH = (0.1, 0.02), (1.0, 0.3)  # first, last: least noise, weight of changes squared (Mysore et al. 2021)
 USUAL = (128, 128), 8, 1e-3, 1.0, np.inf  # steps to an update (first, last), its batches, rate, noise at last, patience
-OWN = {"BallDrop-v1": ((64, 256), 4, 2e-3, 0.2, 10)}  # patience: frames without reward, as of a cloth that missed
+OWN = {"BallDrop-v1": ((64, 256), 4, 2e-3, 0.2, 10)}  # patience: frames of reward < .02 that end an episode
 NEARER = {  # multipliers by factor, where what a controller earns on the usual miniature is not what it earns later
     "Hanging-v1": {4: {"compression": 0.01}, 2: {"compression": 0.03}},
     "Skirt-v1": {3: {"bend_stiffness": 2.0, "compression": 0.05}, 2: {"bend_stiffness": 2.0, "compression": 0.1}},
@@ -45,7 +45,7 @@ class Agent(nn.Module):
         actions, told = len(task.actions), len(task.extras)
         self.hidden = np.where(np.arange(seen) < seen - told, np.inf, 0)  # keypoints, which shake in their plane
         self.actor, self.critic = network(seen, actions, 0.01), network(seen, 1, 1.0)
-        self.slow = nn.Parameter(torch.full((actions,), -0.5 / FASTER))  # logarithm of what is over the least
+        self.slow = nn.Parameter(torch.full((actions,), -0.5 / FASTER))  # logarithm of what is over the least, / FASTER
         self.seen, self.earned, self.noise = RunningMeanStd(shape=(seen,)), RunningMeanStd(), [LEAST[0], 1.0]
 
     def scale(self) -> dict[str, np.ndarray]:

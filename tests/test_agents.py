@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from json import loads
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,9 +14,9 @@ pytest.importorskip("torch", reason="needs the extra 'train'")
 
 import torch
 
-from cloth_envs.agents import LEARNED, NETWORKS, load_policy
+from cloth_envs.agents import LEARNED, NETWORKS, load_policy, trained_on
 from cloth_envs.commands.cli import main
-from cloth_envs.evaluation import play
+from cloth_envs.evaluation import ALLOWED, play
 from training.bench.agents import run as agents
 from training.bench.agents.rows import MIXED_SAC, AgentRow, FloorRow, costs, interquartile, last, normalised, table
 from training.rows import read_rows
@@ -77,62 +75,6 @@ def test_a_mixed_schedule_has_the_physics_of_the_example() -> None:
     assert (nearer["factors"], last) == ({"compression": 0.03}, {})
 
 
-@pytest.mark.parametrize(("patience", "least", "most"), [(3, 7, 8), (np.inf, 0, 1)])
-def test_episodes_of_no_reward_end_early(
-    patience: float, least: int, most: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ppo, masks = agents.example(), []
-    monkeypatch.setattr(ppo, "OWN", {"BallDrop-v1": ((12, 36), 1, 1e-3, 1.0, patience)})
-    players = ppo.Players("BallDrop-v1", "miniature", {"factor": 4}, 0)
-    agent, step, reset = ppo.Agent(players.task, players.seen.shape[1]), players.env.step, players.env.reset
-
-    def no_reward(actions: np.ndarray) -> tuple[Any, ...]:
-        seen, rewards, *others = step(actions)
-        return seen, 0 * rewards, *others
-
-    def watched(options: dict[str, Any]) -> Any:
-        masks.append(options["reset_mask"].copy())
-        return reset(options=options)
-
-    monkeypatch.setattr(players.env, "step", no_reward)
-    monkeypatch.setattr(players.env, "reset", watched)
-    rows = players.play(agent, 0.5)
-    players.env.close()
-    assert {len(part) for part in rows} == {24 * ppo.MEMBERS}
-    ended = np.sum([np.zeros(ppo.MEMBERS), *masks], axis=0)
-    assert (ended >= least).all()
-    assert (ended <= most).all()
-
-
-def test_noise_is_calmed_as_far_as_a_recipe_says() -> None:
-    ppo = agents.example()
-    torch.manual_seed(0)
-    agent = ppo.Agent(SimpleNamespace(actions=("a",), extras=("b",) * 4), 4)
-    optimizer, x = torch.optim.Adam(agent.parameters(), eps=1e-5), torch.randn(64, 4)
-    data = [x, x, torch.zeros(64, 1), torch.zeros(64, 1), *torch.zeros(3, 64)]
-    ppo.Players.learn(SimpleNamespace(batches=1, rate=0.0, calm=0.2), agent, optimizer, data, 1.0)
-    assert agent.spread().item() == pytest.approx(0.02 + 0.2 * np.exp(-0.5))
-
-
-@pytest.mark.parametrize("smooth", [True, False])
-def test_answers_that_change_from_frame_to_frame_are_made_calm(smooth: bool) -> None:
-    ppo = agents.example()
-    ppo.SMOOTH = tuple(smooth * weight for weight in ppo.SMOOTH)
-    torch.manual_seed(0)
-    agent = ppo.Agent(SimpleNamespace(actions=("a",), extras=("b",) * 4), 4)
-    torch.nn.init.orthogonal_(agent.actor[4].weight, 2.0)
-    x, then = torch.randn(2, 512, 4)
-    mean, nothing = agent.actor(x).detach(), torch.zeros(512)
-    told = agent.log_probability(x, mean, torch.zeros(512, 1)).detach()
-    data = [x, then, mean, torch.zeros(512, 1), told, nothing, nothing]  # no action is better than another
-    change = [(agent.actor(then) - agent.actor(x)).square().mean().item()]
-    optimizer = torch.optim.Adam(agent.parameters(), eps=1e-5)
-    for _ in range(10):
-        ppo.Players.learn(SimpleNamespace(batches=1, rate=1e-3, calm=1.0), agent, optimizer, data, 0.0)
-    change.append((agent.actor(then) - agent.actor(x)).square().mean().item())
-    assert (change[1] < 0.1 * change[0]) == smooth
-
-
 def test_a_run_is_scored_at_its_points_and_goes_on_where_it_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -172,6 +114,12 @@ def test_networks_that_ship_are_as_their_cards_say(capsys: pytest.CaptureFixture
     """Episodes of the quickest, some seeds of its card: as far from its mean as seeds are."""
     assert {path.stem for path in NETWORKS.glob("*.json")} == {path.stem for path in NETWORKS.glob("*.safetensors")}
     card = loads((NETWORKS / "Collision-v1.json").read_text())
+    for name in agents.TASKS:
+        told = loads((NETWORKS / f"{name}.json").read_text())
+        assert trained_on(LEARNED, name) == agents.example().stages(name)[0][:2]
+        assert told["gap"] <= ALLOWED
+        assert told["failed"] == 0
+    assert trained_on("zero", "Collision-v1") is trained_on("there.safetensors", "Collision-v1") is None
     found = play("Collision-v1", load_policy(LEARNED, "Collision-v1"), agents.CERTIFIED[:6])
     assert abs(found.reward.mean() - card["reward"]) < 4 * found.reward.std() / 6**0.5 + 0.02
     assert main(["rollout", "Collision-v1", "--policy", "ppo", "--frames", "3"]) == 0

@@ -58,15 +58,18 @@ def _compare(given: argparse.Namespace) -> str:
 
 
 def _evaluate(given: argparse.Namespace) -> str:
+    from cloth_envs.agents import trained_on
     from cloth_envs.backend import parse_backend, read_object
     from cloth_envs.commands.entries import read_resolution
     from cloth_envs.commands.evaluate import evaluate
     from cloth_envs.places import check_backend_kwargs
 
     options = _options(given) | {"preset": _named(given.preset, "--preset")}
-    physics = [parse_backend(options.pop(name)) for name in ("train_backend", "certify")]
-    for name, own in physics:
-        check_backend_kwargs(name, own, shell=True)
+    told, certify = options.pop("train_backend", None), parse_backend(options.pop("certify"))
+    own = parse_backend(told) if told else trained_on(given.policy, given.scene) or ("miniature", {"factor": 4})
+    physics = [own, certify]
+    for name, kwargs in physics:
+        check_backend_kwargs(name, kwargs, shell=True)
     if given.resolution is not None:
         options["resolution"] = read_resolution(given.resolution)
     if given.randomize is not None:

@@ -115,8 +115,7 @@ def parser(runs: Mapping[str, Callable[[argparse.Namespace], str | None]]) -> Pa
     sub.add_argument(
         "--train-backend",
         metavar="NAME[=JSON]",
-        default='miniature={"factor": 4}',
-        help="what it was trained on (default 'miniature={\"factor\": 4}')",
+        help="what it was trained on (default: as its card tells, or 'miniature={\"factor\": 4}')",
     )
     sub.add_argument("--certify", metavar="NAME[=JSON]", default="reference", help="what counts (default reference)")
     sub.add_argument("--seeds", type=_at_least(2), default=16, help="how many (default 16)")

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import torch
 from safetensors.numpy import save
 
-from cloth_envs.agents import load_policy
+from cloth_envs.agents import STAGES, load_policy
 from cloth_envs.evaluation import Policy, Verdict, play
 from cloth_envs.files import check_folder, write_bytes, write_text
 from cloth_envs.naming import REVISED
@@ -170,7 +170,7 @@ def fill(session: Session, scene: str, schedule: str, seed: int, work: Work) -> 
 def keep(learner: Learner, row: AgentRow, path: Path, stages: Sequence[Stage]) -> None:
     """Write a policy, for ``load_policy``, and beside it a card with what was measured of it."""
     write_bytes(path, save({name: value.float().numpy() for name, value in learner.weights().items()}))
-    card = {"what": learner.what, "licence": "MIT", "stages, shares of the time": stages}
+    card = {"what": learner.what, "licence": "MIT", STAGES: stages}
     write_text(path.with_suffix(".json"), json.dumps(card | asdict(row), indent=1) + "\n")
 
 
