@@ -59,12 +59,19 @@ def load_policy(name: str, scene: str) -> Policy:
 
 
 def trained_on(name: str, scene: str) -> tuple[str, dict[str, Any]] | None:
-    """The physics that a policy began on, backend and options, as its card tells; None: it has none, as others."""
+    """The physics that a policy began on, backend and options, as its card tells; None: it has none, as others.
+
+    Raises:
+        ValueError: the file beside the network is no card of one.
+    """
     path = NETWORKS / f"{scene}.safetensors" if name == LEARNED else Path(name)
     card = path.with_suffix(".json")
     if path.suffix != ".safetensors" or not card.is_file():
         return None
-    backend, options, _ = json.loads(card.read_text())[STAGES][0]
+    try:
+        backend, options, _ = json.loads(card.read_text())[STAGES][0]
+    except (ValueError, KeyError, IndexError, TypeError) as error:
+        raise ValueError(f"{card} is no card of a network, which tells {STAGES!r}: give --train-backend") from error
     return backend, options
 
 

@@ -14,7 +14,7 @@ pytest.importorskip("torch", reason="needs the extra 'train'")
 
 import torch
 
-from cloth_envs.agents import LEARNED, NETWORKS, load_policy, trained_on
+from cloth_envs.agents import LEARNED, NETWORKS, STAGES, load_policy, trained_on
 from cloth_envs.commands.cli import main
 from cloth_envs.evaluation import ALLOWED, play
 from training.bench.agents import run as agents
@@ -110,7 +110,7 @@ def test_a_run_is_scored_at_its_points_and_goes_on_where_it_was(
     assert "both" in capsys.readouterr().out
 
 
-def test_networks_that_ship_are_as_their_cards_say(capsys: pytest.CaptureFixture[str]) -> None:
+def test_networks_that_ship_are_as_their_cards_say(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Episodes of the quickest, some seeds of its card: as far from its mean as seeds are."""
     assert {path.stem for path in NETWORKS.glob("*.json")} == {path.stem for path in NETWORKS.glob("*.safetensors")}
     card = loads((NETWORKS / "Collision-v1.json").read_text())
@@ -119,6 +119,10 @@ def test_networks_that_ship_are_as_their_cards_say(capsys: pytest.CaptureFixture
         assert trained_on(LEARNED, name) == agents.example().stages(name)[0][:2]
         assert told["gap"] <= ALLOWED
         assert told["failed"] == 0
+    for content in ("{}", "[]", "no JSON", f'{{"{STAGES}": [["miniature"]]}}'):
+        (tmp_path / "mine.json").write_text(content)
+        with pytest.raises(ValueError, match=r"mine.json is no card of a network.*give --train-backend"):
+            trained_on(str(tmp_path / "mine.safetensors"), "Collision-v1")
     assert trained_on("zero", "Collision-v1") is trained_on("there.safetensors", "Collision-v1") is None
     found = play("Collision-v1", load_policy(LEARNED, "Collision-v1"), agents.CERTIFIED[:6])
     assert abs(found.reward.mean() - card["reward"]) < 4 * found.reward.std() / 6**0.5 + 0.02
